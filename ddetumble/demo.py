@@ -18,7 +18,7 @@ def run_demo(folder: Path | str, echo: Callable[[str], None] = print) -> Path:
         Path of the discovery's report.
     """
     from .measurement.package import read_campaign
-    from .paper import judge_campaign, write_paper
+    from .paper import write_paper
     from .reports import report as write_report
     from .selection.compare import compare
     from .selection.discover import discover
@@ -29,7 +29,7 @@ def run_demo(folder: Path | str, echo: Callable[[str], None] = print) -> Path:
 
     folder = Path(folder)
     echo("1. The paper: its printed peaks, and what eleven numbers can show (Table 3):")
-    echo("   " + judge_campaign(read_campaign(find_data() / "paper" / "table-3")).sentence)
+    echo("   " + discover(read_campaign(find_data() / "paper" / "table-3")).sentence)
     page = write_paper(folder / "paper", echo=lambda line: None)
     tell([f"Its contradictions, each with two numbers and a figure, are in {page}"])
     echo("")

@@ -93,7 +93,7 @@ def test_places(monkeypatch):
     fit = SimpleNamespace(loss=np.full(3, 1e3), solution=SimpleNamespace(chi2=900.0, shared=np.zeros((3, 1, 2))))
     best = SimpleNamespace(loss=np.zeros(3), solution=SimpleNamespace(chi2=300.0))
     problem = SimpleNamespace(settings=DEFAULT, groups=np.arange(3), samples=302.0,
-                              family=SimpleNamespace(state="depression"))
+                              family=SimpleNamespace(state="depression"), records=SimpleNamespace(are_values=False))
     monkeypatch.setattr(localise, "residual_places", lambda *_: found)
     monkeypatch.setattr(localise, "_place", lambda *_: Place("normal_force", "depression", (0.01, 0.04), "both", 1.0))
     monkeypatch.setattr(localise, "share_of_range", lambda *_: 0.65)

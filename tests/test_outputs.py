@@ -1,6 +1,5 @@
 """Where commands write: new or empty places alone unless --overwrite is given, and whole or not at all."""
 
-import json
 import os
 import signal
 import subprocess
@@ -144,7 +143,6 @@ def test_overwriting_replaces_results_and_nothing_else(tmp_path, capsys):
     assert main(["discover", "paper/table-4", "-o", str(place)]) == 0
     before = list_all(place)
     assert {"result.json", "report.html"} <= set(before) and any(name.endswith(".png") for name in before)
-    assert json.loads(before["result.json"])["kind"] == "peaks"
     # Another command may not write beside these, or over them.
     assert main(["compare", "paper/table-4", "-o", str(place)]) == 2 and list_all(place) == before
     (place / "notes.txt").write_text("kept", encoding="utf-8")
@@ -158,16 +156,29 @@ def test_overwriting_replaces_results_and_nothing_else(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_peaks_are_reported_and_lead_nowhere_else(tmp_path, capsys):
-    place = tmp_path / "found"
-    assert main(["discover", "paper/figure-8", "-o", str(place)]) == 0
-    assert str(place / "report.html") in capsys.readouterr().out
-    (tmp_path / "conditions.csv").write_text("record,initial_pressure,approach_speed\na,1e6,0.4\n", encoding="utf-8")
-    for words in (["average", str(place)], ["average", str(place), "--campaign", "paper/figure-8"],
-                  ["design", str(place)], ["predict", str(place), str(tmp_path / "conditions.csv")]):
+def test_commands_take_values_of_which_a_test_gives_one(tmp_path, capsys):
+    """Every command goes on from four peaks, but for those that need a curve: they say so, and leave nothing."""
+    place, conditions = tmp_path / "found", tmp_path / "conditions.csv"
+    conditions.write_text("record,initial_pressure,approach_speed\na,1e6,0.4\nb,2e6,0.4\n", encoding="utf-8")
+    compared, predicted = tmp_path / "compared", tmp_path / "predicted.csv"
+    for words in (["discover", "paper/figure-8", "-o", str(place)], ["design", str(place)],
+                  ["predict", str(place), str(conditions), "-o", str(predicted)],
+                  ["compare", "paper/figure-8", "-m", "matunaga", "-m", "paper", "-e", "adhesion", "-o", str(compared)],
+                  ["fit", "paper/figure-8", "-o", str(tmp_path / "fit")]):
+        assert main(words) == 0, words
+    assert {"model.json", "result.json", "report.html"} <= set(list_all(place))
+    header, *rows = predicted.read_text(encoding="utf-8").splitlines()
+    assert header.startswith("record,peak_normal_force,") and [row[0] for row in rows] == ["a", "b"]
+    assert {"figures/error-by-step.png", "figures/values-peak_normal_force.png"} == {
+        name for name in list_all(compared) if name.endswith(".png")}
+    capsys.readouterr()
+    before = list_all(tmp_path)
+    for words in (["average", str(place)], ["missing", "paper/figure-8", "-o", str(tmp_path / "new")],
+                  ["identify", "paper/figure-8", "-o", str(tmp_path / "new.csv")]):
         assert main(words) == 2
         told = capsys.readouterr().err.splitlines()[-1]
-        assert "peaks" in told and "damaged" not in told, words
+        assert "peaks" in told or "no rival" in told, words
+    assert list_all(tmp_path) == before
 
 
 def test_a_fit_goes_beside_its_specification(tmp_path, capsys):

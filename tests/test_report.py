@@ -13,12 +13,12 @@ import pytest
 from ddetumble import figures
 from ddetumble._errors import InputError
 from ddetumble.figures.traces import (
+    are_values,
     bin_residuals,
     choose_records,
     find_phase,
     find_strokes,
     group_values,
-    is_peaks,
     share_span,
     sort_traces,
 )
@@ -175,7 +175,7 @@ def test_three_channels(tmp_path):
 
 def test_peaks_only(tmp_path):
     discovery = make_peaks()
-    assert is_peaks(discovery.steps[0].traces)
+    assert are_values(discovery.steps[0].traces)
     path = write_report(discovery, tmp_path)
     check_page(path, discovery.sentence)
     bare = dc.replace(discovery.steps[0], traces=())
@@ -464,7 +464,7 @@ def test_parts_of_a_slip_record():
 def test_friction_peaks(tmp_path):
     discovery = make_friction_peaks()
     check_page(write_report(discovery, tmp_path), discovery.sentence)
-    upper, lower = figures.draw_peaks(list_models(discovery)).axes
+    upper, lower = figures.draw_values(list_models(discovery)).axes
     assert upper.get_ylabel() == "peak friction force [N]" and lower.get_xlabel() == "internal pressure [MPa]"
     lines = [line for line in upper.lines if line.get_marker() in "sD"]
     assert len(lines) == 6 and all(np.all(np.diff(line.get_xdata()) > 0) for line in lines)  # one a load and model

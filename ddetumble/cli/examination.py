@@ -9,7 +9,7 @@ import typer
 from .._errors import InputError
 from ..reference_models import list_names
 from .options import CampaignName, KeepAll, Model, Overwrite, OwnFile, Texts, command, option, place, resolve_own
-from .places import Output, check_file, locate_campaign, open_folder, open_optional, write_table
+from .places import check_file, locate_campaign, open_folder, open_optional, write_table
 from .progress import show_progress
 
 
@@ -37,24 +37,16 @@ def compare_models(
     """
     measured, page, models = _read(campaign), None, list(model or ["paper"])
     with open_optional(output, "compare", overwrite) as out, show_progress(f"comparing {measured.name}") as report:
-        if measured.samples is None:
-            if len(models) > 1 or effect:
-                raise InputError("the campaign holds peaks only: compare it with one model, without effects",
-                                 file=campaign)
-            text, page = _judge_peaks(measured, models[0], out, "compare.json", "comparison.html")
-        else:
-            from ..selection.compare import compare
+        from ..selection.compare import compare
 
-            result = compare(measured, *models, *_extend(models[-1], effect, effects_from, measured),
-                             progress=report)
-            text = str(result)
-            if out is not None:
-                from ..reports import report_comparison
+        result = compare(measured, *models, *_extend(models[-1], effect, effects_from, measured), progress=report)
+        if out is not None:
+            from ..reports import report_comparison
 
-                report("drawing", 0.9)
-                result.save(out.draft)
-                page = out.place(report_comparison(result, out.draft))
-    typer.echo(text)
+            report("drawing", 0.9)
+            result.save(out.draft)
+            page = out.place(report_comparison(result, out.draft))
+    typer.echo(str(result))
     if page is not None:
         typer.echo(f"Report: {page}")
 
@@ -92,25 +84,21 @@ def discover_effects(
     missing or nothing helps.
     """
     measured = _read(campaign)
-    target, alike = output or Path(f"{measured.name}-discovery"), False
+    target = output or Path(f"{measured.name}-discovery")
     with open_folder(target, "discover", overwrite) as out, show_progress(f"looking at {measured.name}") as report:
-        if measured.samples is None:
-            text, page = _judge_peaks(measured, model, out, "result.json", "report.html")
-        else:
-            from ..reports import write_report
-            from ..selection.discover import discover
+        from ..reports import write_report
+        from ..selection.discover import discover
 
-            named, held = resolve_own(effect, effects_from)
-            own = list(dict.fromkeys([*named, *held]))
-            _prove_contracts(own, model, measured.family)
-            result = discover(measured, model=model, effects=own, keep_all=keep_all, progress=report)
-            report("writing the report", 0.95)
-            result.save(out.draft)
-            page = out.place(write_report(result, out.draft))
-            text, alike = str(result), bool(result.steps[-1].alternatives)
-    typer.echo(text)
+        named, held = resolve_own(effect, effects_from)
+        own = list(dict.fromkeys([*named, *held]))
+        _prove_contracts(own, model, measured.family)
+        result = discover(measured, model=model, effects=own, keep_all=keep_all, progress=report)
+        report("writing the report", 0.95)
+        result.save(out.draft)
+        page = out.place(write_report(result, out.draft))
+    typer.echo(str(result))
     typer.echo(f"Report: {page}")
-    if alike:
+    if result.steps[-1].alternatives:
         typer.echo(f"The test that tells them apart: ddetumble design {target}")
 
 
@@ -193,21 +181,3 @@ def _prove_contracts(effects: Sequence, model: str, family: str) -> None:
         if own is not None and family_of(effect) == family and effect not in own.catalogue:
             check_effect(effect, resolve_model(model, family).reference).require()
 
-
-def _judge_peaks(campaign, model: str, out: Output | None, file: str, page: str) -> tuple[str, Path | None]:
-    """Judge a campaign of peaks only, and write that where there is a place: no curve, hence fewer answers.
-
-    Returns:
-        Text for the terminal, and the page's path.
-    """
-    from ..paper import judge_campaign, write_peaks
-
-    result, written = judge_campaign(campaign, model=model), None
-    if out is not None:
-        from ..inference.files import list_versions, write_json
-
-        write_json(out.draft / file, {**result.to_dict(), "kind": "peaks", "sha256": campaign.sha256,
-                                      "versions": list_versions()})
-        written = out.place(write_peaks(result, out.draft, page))
-    lines = (result.sentence, *(f"- {note}" for note in result.notes), "", result.table().to_string(index=False))
-    return "\n".join(lines), written

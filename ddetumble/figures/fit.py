@@ -2,12 +2,12 @@
 
 import dataclasses as dc
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
-from ..measurement.quantities import clean, describe_conditions, describe_quantity, shorten_names, vary
+from ..measurement.quantities import Quantity, clean, describe_conditions, describe_quantity, shorten_names, vary
 from ..measurement.units import si_unit
 from ..selection.result import Trace
 from ..selection.text import choose_view
@@ -127,18 +127,13 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str | None = None, 
 
 
 @styled
-def draw_peaks(models: Mapping[str, Sequence[Trace]], channel: str | None = None, narrow: bool = False):
+def draw_values(models: Mapping[str, Sequence[Trace]], channel: str | None = None, narrow: bool = False):
     """One number a record: measured and modelled against the condition that varies most, residuals below."""
     channel = channel or next(trace.channel for traces in models.values() for trace in traces)
     traces = {name: sort_traces(pick_channel(all_, channel)) for name, all_ in models.items()}
     first = next(iter(traces.values()))
     shown = describe_quantity(channel, [float(trace.measured[0]) for trace in first], first[0].unit)
-    values = {name: np.array([trace.conditions.get(name, np.nan) for trace in first], float)
-              for name in vary(trace.conditions for trace in first)}
-    spread = {name: np.ptp(v) / max(np.abs(v).max(), 1e-300) for name, v in values.items() if np.isfinite(v).all()}
-    name = max(spread, key=lambda key: spread[key]) if spread else ""
-    along = describe_quantity(name, values[name]) if name else None
-    x = along.scale * values[name] if along else np.arange(1.0, len(first) + 1)
+    along, x = _choose_condition(trace.conditions for trace in first)
     figure = new_figure(4.4, NARROW if narrow else 8.0)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.4, 1))
     dress(upper)
@@ -148,7 +143,9 @@ def draw_peaks(models: Mapping[str, Sequence[Trace]], channel: str | None = None
     handles = [upper.errorbar(x, measured, 2 * noise, fmt="o", color=INK, ms=5, lw=1.1, capsize=3, zorder=4)]
     _draw_noise(lower)
     shift = 0.006 * np.ptp(x) if len(traces) > 1 else 0.0
-    lines = _find_lines(x, [own for other, own in values.items() if other != name])
+    others = [np.array([trace.conditions.get(name, np.nan) for trace in first], float)
+              for name in vary(trace.conditions for trace in first)]
+    lines = _find_lines(x, [own for own in others if not _run_along(own, x)])
     for i, (own, colour) in enumerate(zip(traces.values(), colour_models(len(traces)), strict=True)):
         model = shown.scale * np.array([trace.model[0] for trace in own])
         style = "--s" if i == 0 and len(traces) > 1 else "-D"
@@ -223,8 +220,10 @@ def draw_prediction(table, settings: Mapping[str, Mapping[str, float]]):
         table: what `predict` returned.
         settings: conditions of every record, for the panels' titles.
     """
-    abscissa = "slip" if "slip" in table.columns[:2] else "time"
     channels = [name.removesuffix("_sd_new") for name in table.columns if name.endswith("_sd_new")]
+    if not {"slip", "time"} & set(table.columns[:2]):
+        return _draw_predicted_values(table, settings, channels)
+    abscissa = "slip" if "slip" in table.columns[:2] else "time"
     keys = list(dict.fromkeys(table["record"]))[:MOST]
     units: dict[str, list[str]] = {}
     for channel in channels:
@@ -278,6 +277,35 @@ def draw_prediction(table, settings: Mapping[str, Mapping[str, float]]):
     return figure
 
 
+def _draw_predicted_values(table, settings: Mapping[str, Mapping[str, float]], channels: Sequence[str]):
+    """Predicted values, one point a record, over the condition that varies most."""
+    along, x = _choose_condition(settings.values())
+    figure = new_figure(0.6 + 2.6 * len(channels), 8.0)
+    panels = figure.subplots(len(channels), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, channel in zip(panels, channels, strict=True):
+        shown = describe_quantity(channel, table[channel])
+        mean, sd, new = (shown.scale * table[channel + ending].to_numpy() for ending in ("", "_sd", "_sd_new"))
+        handles = [dress(axes).errorbar(x, mean, 2.0 * size, fmt=mark, color=colour, ms=5, lw=width, capsize=cap)
+                   for size, mark, colour, width, cap in ((new, "none", FLOOR, 1.2, 4), (sd, "o", AFTER, 2.2, 0))]
+        axes.set_ylabel(shown.label)
+    panels[-1].set_xlabel(along.label if along else "record")
+    head_figure(figure, handles[::-1], ["mean, ± 2 sd", "± 2 sd of a new measurement"])
+    return figure
+
+
+def _choose_condition(settings: Iterable[Mapping[str, float]]) -> tuple[Quantity | None, np.ndarray]:
+    """The condition that varies most over some records, and its values as they are shown; none, and their numbers,
+    where none varies."""
+    settings = list(settings)
+    values = {name: np.array([own.get(name, np.nan) for own in settings], float) for name in vary(settings)}
+    spread = {name: np.ptp(v) / max(np.abs(v).max(), 1e-300) for name, v in values.items() if np.isfinite(v).all()}
+    if not spread:
+        return None, np.arange(1.0, len(settings) + 1)
+    name = max(spread, key=lambda key: spread[key])
+    along = describe_quantity(name, values[name])
+    return along, along.scale * values[name]
+
+
 def _draw_noise(axes):
     """Two standard deviations of the noise, below residuals."""
     axes.axhspan(-2, 2, color=FLOOR, alpha=0.18, lw=0)
@@ -291,6 +319,11 @@ def _find_lines(x: np.ndarray, others: Sequence[np.ndarray]) -> list[np.ndarray]
     keys = list(zip(*map(group_values, others), strict=True)) or [()] * x.size
     lines = [np.array([i for i, own in enumerate(keys) if own == key]) for key in dict.fromkeys(keys)]
     return [line[np.argsort(x[line], kind="stable")] for line in lines if line.size]
+
+
+def _run_along(values: np.ndarray, x: np.ndarray) -> bool:
+    """Whether a condition has one value at each place along the axis, so that it parts no lines."""
+    return all(np.ptp(values[x == place]) == 0 for place in np.unique(x))
 
 
 def _smooth(trace: Trace) -> np.ndarray:

@@ -32,14 +32,14 @@ def draw_next_test(found: Design):
     figure = new_figure(4.6 if several else 2.8)
     grid = figure.subplots(2 if several else 1, len(channels), squeeze=False, sharex=True)
     across = describe_quantity(family.independent, best.time)
-    time = best.time * across.scale
+    time, look = best.time * across.scale, "-" if len(best.time) > 1 else "o"  # a value is a point
     for column, c in enumerate(channels):
         name = best.channels[c]
         shown = describe_quantity(name, np.stack([curve[c] for curve in best.curves.values()]))
         top = dress(grid[0, column], ylabel=shown.label)
         for colour, curve in zip(COLOURS, best.curves.values(), strict=False):
-            top.plot(time, curve[c] * shown.scale, color=colour, lw=1.6)
-        if family.has_contact:  # what follows the contact says nothing
+            top.plot(time, curve[c] * shown.scale, look, color=colour, lw=1.6)
+        if family.has_contact and len(time) > 1:  # what follows the contact says nothing
             forces = [np.abs(curve[0]) for curve in best.curves.values()]
             touched = np.any([force > 1e-6 * force.max() for force in forces], axis=0)
             last = 1.15 * best.time[touched].max(initial=best.time[0])
@@ -48,9 +48,12 @@ def draw_next_test(found: Design):
             below = dress(grid[1, column], ylabel=f"less {clean(found.rivals[0], 30)},\nover noise of a sample")
             first = best.curves[found.rivals[0]][c]
             for colour, rival in zip(COLOURS[1:], found.rivals[1:], strict=False):
-                below.plot(time, (best.curves[rival][c] - first) / best.noise[name], color=colour, lw=1.6)
+                below.plot(time, (best.curves[rival][c] - first) / best.noise[name], look, color=colour, lw=1.6)
             below.axhspan(-1, 1, color=GREY, alpha=0.15, lw=0)
-        grid[-1, column].set_xlabel(across.label)
+        if len(time) > 1:
+            grid[-1, column].set_xlabel(across.label)
+        else:
+            grid[-1, column].set_xticks([])
     legend = head_figure(figure, list(map(key_line, COLOURS[: len(found.rivals)])),
                          [clean(rival, 40) for rival in found.rivals])
     # The title of an axes would widen its column.

@@ -104,9 +104,9 @@ def measure_error(trace: Trace) -> float:
     return float(np.sqrt(np.mean(residual**2))) if residual.size else math.nan
 
 
-def is_peaks(traces: Sequence[Trace]) -> bool:
-    """Whether every record is one number, not a trace."""
-    return bool(traces) and all(np.size(trace.time) <= 1 for trace in traces)
+def are_values(traces: Sequence[Trace]) -> bool:
+    """Whether every record is one number, not a curve."""
+    return bool(traces) and all(trace.is_value for trace in traces)
 
 
 def group_values(values) -> np.ndarray:

@@ -18,7 +18,7 @@ from ..effects import CATALOGUE
 from ..families import DEFAULT_FAMILY, find_family, name_family
 from ..measurement.campaign import Campaign, Uncertainty
 from ..measurement.kinds import take_kind, write_kind
-from .files import hash_file, list_versions, make_plain, read_json, refuse_peaks, write_json
+from .files import hash_file, list_versions, make_plain, read_json, write_json
 from .models import ResolvedModel, find_model, is_fitted, is_model, list_known, resolve_effect, wrap_model
 from .noise import Noise
 from .parameters import Common, ParameterSpace
@@ -83,6 +83,7 @@ class _ModelFile(_Strict):
     time_sd: float = pydantic.Field(ge=0)
     commons: list[Common] = []
     sampling: Sampling | None = None
+    priors: dict[str, tuple[float, float]] = {}
     records: int
     chi2: float
     versions: dict[str, str]
@@ -117,6 +118,7 @@ class FittedModel:
         extra: what else the writer put there.
         notes: sentences on what has changed since it was written.
         sampling: of a typical record; None in files of earlier versions.
+        priors: Gaussian (mean, sd) of the coordinates of parameters that were fitted under one, by name.
     """
 
     folder: Path | None
@@ -140,6 +142,7 @@ class FittedModel:
     extra: Mapping[str, Any]
     notes: tuple[str, ...] = ()
     sampling: Sampling | None = None
+    priors: Mapping[str, tuple[float, float]] = dc.field(default_factory=dict)
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -151,6 +154,11 @@ class FittedModel:
         """Rows of the identity that belong to `free`: `u + x @ directions` moves them, shape (free, parameters)."""
         columns = [self.space.index[name] for name in self.free]
         return np.eye(len(self.space))[columns].reshape(len(columns), len(self.space))
+
+    @property
+    def are_values(self) -> bool:
+        """Whether its campaign holds values alone, of which a test gives one each."""
+        return set(self.channels) <= set(self.space.family.values)
 
     def spread(self) -> np.ndarray:
         """Principal directions of the covariance, one standard deviation long, shape (free or fewer, parameters)."""
@@ -190,7 +198,8 @@ Model = str | Path | AbstractModel | type[AbstractModel] | AbstractLaw | FittedM
 
 def make_fitted(*, campaign: Campaign, model_name: str, space: ParameterSpace, solution: Solution,
                 noise: Mapping[str, Noise], effects: Sequence[str], covariance: np.ndarray | None = None,
-                names: Sequence[str] | None = None, extra: Mapping[str, Any] | None = None) -> FittedModel:
+                names: Sequence[str] | None = None, extra: Mapping[str, Any] | None = None,
+                priors: Mapping[str, tuple[float, float]] | None = None) -> FittedModel:
     """Make a fitted model from a solution of a campaign, whose reference model `resolve_model` finds by `model_name`.
 
     Parameters of effects that are neither among `effects` (ids) nor away from their null are left out. `covariance` is
@@ -217,7 +226,8 @@ def make_fitted(*, campaign: Campaign, model_name: str, space: ParameterSpace, s
         0.0 if clock is None or clock.uncertainty is None else float(clock.uncertainty.sd(np.ones(1))[0]),
         {name: (float(np.nanmin(x)), float(np.nanmax(x))) for name in campaign.conditions
          for x in [campaign.records[name].to_numpy(dtype=float)]},
-        len(campaign.records), float(solution.chi2), list_versions(), dict(extra or {}), sampling=sampling)
+        len(campaign.records), float(solution.chi2), list_versions(), dict(extra or {}), sampling=sampling,
+        priors=dict(priors or {}))
 
 
 def save_model(folder, fitted: FittedModel) -> Path:
@@ -252,7 +262,7 @@ def save_model(folder, fitted: FittedModel) -> Path:
         "channels": {name: {"unit": fitted.units[name], "noise": make_plain(level.without_sizes())}
                      for name, level in fitted.noise.items()},
         "conditions": conditions, "time_sd": fitted.time_sd, "records": fitted.records, "chi2": fitted.chi2,
-        "sampling": None if fitted.sampling is None else fitted.sampling.model_dump(),
+        "sampling": None if fitted.sampling is None else fitted.sampling.model_dump(), "priors": dict(fitted.priors),
         "commons": [dc.asdict(one) for one in fitted.space.commons], "versions": dict(fitted.versions),
         "extra": dict(fitted.extra),
     })  # fmt: skip
@@ -271,7 +281,6 @@ def load(folder, extra: Sequence[type[AbstractEffect]] = ()) -> FittedModel:
     path = Path(folder)
     path = path if path.suffix == ".json" else path / FILE
     if not path.exists():
-        refuse_peaks(path.parent)
         raise InputError(f"there is no {FILE} here; name a folder of fit or discover", file=path.parent)
     content = read_json(path, SCHEMA, _ModelFile, "fit the model again")
     notes: dict[str, None] = {}
@@ -320,7 +329,8 @@ def load(folder, extra: Sequence[type[AbstractEffect]] = ()) -> FittedModel:
         {name: Uncertainty(entry.absolute, entry.relative) for name, entry in content.conditions.items()
          if entry.absolute is not None or entry.relative is not None},
         content.time_sd, {name: (entry.low, entry.high) for name, entry in content.conditions.items()},
-        content.records, content.chi2, content.versions, content.extra, tuple(notes), content.sampling)
+        content.records, content.chi2, content.versions, content.extra, tuple(notes), content.sampling,
+        content.priors)
 
 
 def take_fitted(model: str | Path | FittedModel | AbstractFitted) -> FittedModel:

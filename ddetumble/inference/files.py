@@ -155,14 +155,3 @@ def list_versions() -> dict[str, str]:
 def hash_file(path: Path) -> str:
     """SHA-256 of a file's bytes, hexadecimal."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def refuse_peaks(folder: Path) -> None:
-    """Refuse a folder in which `discover` judged a campaign of peaks only: no model was fitted to a curve."""
-    try:
-        kind = json.loads((folder / "result.json").read_text(encoding="utf-8")).get("kind")
-    except (OSError, ValueError, AttributeError, RecursionError):
-        return
-    if kind == "peaks":
-        raise InputError("discover judged a campaign of peaks here, which yields no fitted model; this needs a "
-                         "campaign with sampled records", file=folder)

@@ -138,10 +138,12 @@ class Fit(AbstractFitted, AbstractPrinted):
 
     def fitted_model(self) -> FittedModel:
         """The fitted model by itself: what predictions and designs go on from."""
+        commons = {common.slot.name for common in self.space.commons}
+        priors = {n: p for n, p in self.problem.priors.items() if n in self.parameters and n not in commons}
         return make_fitted(
             campaign=self.source, model_name=self.model, space=self.space, solution=self.solution, noise=self.noise,
             effects=self.effects, covariance=self.covariance, names=tuple(self.parameters),
-            extra={"made_by": self.settings.get("made_by", "fit"), "chi2_reduced": self.chi2_reduced})
+            priors=priors, extra={"made_by": self.settings.get("made_by", "fit"), "chi2_reduced": self.chi2_reduced})
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
         """Interval of a parameter in its public unit: Gaussian in its coordinate, cut off at its limits.

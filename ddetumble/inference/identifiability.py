@@ -187,7 +187,7 @@ def assume_typical(problem: Problem, solution: Solution, start: np.ndarray) -> d
     Returns:
         Mean and standard deviation by name; none where records are series, which show the course of the contact.
     """
-    if not problem.records.are_values:
+    if not (problem.records.are_values and solution.names):
         return {}
     space, found = problem.space, {}
     vast = np.array([limit_knowledge(space, name) for name in solution.names])

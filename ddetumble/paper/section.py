@@ -10,14 +10,12 @@ from .._sentences import tell
 from .._settings import find_data
 
 
-def write_section(template: str, figures: Mapping[str, Any], tables: Sequence[Any] = (),
-                  narrow: Mapping[str, Any] | None = None, **facts):
+def write_section(template: str, figures: Mapping[str, Any], tables: Sequence[Any] = (), **facts):
     """A section of a page: a title, and blocks of text, points, captions and tables.
 
     Args:
         template: `file.macro`.
         figures: matplotlib figures by name; the template holds their captions.
-        narrow: the same for a telephone, where there are such.
         tables: data frames that come after the template's own tables.
         **facts: what the template tells.
     """
@@ -28,7 +26,7 @@ def write_section(template: str, figures: Mapping[str, Any], tables: Sequence[An
     for block in blocks:
         texts[block[:2] if block[:2] in texts else "paragraphs"].append(block)
     captions = (block[2:].split(": ", 1) for block in texts["! "])
-    pictures = [Picture(name, caption, figures[name], narrow=(narrow or {}).get(name)) for name, caption in captions]
+    pictures = [Picture(name, caption, figures[name]) for name, caption in captions]
     rows = [[re.split(r" \| ", line.strip()[2:-2]) for line in block.splitlines()] for block in texts["| "]]
     return Section(title, texts["paragraphs"], pictures, [*rows, *tables], [block[2:] for block in texts["* "]])
 

@@ -255,6 +255,8 @@ def _lay_samples(saved: FittedModel, limits: Sequence[Limit], length: float | No
     first, last = sampling.first, sampling.last
     interval = (last - first) / max(sampling.samples - 1, 1)
     slowest = np.zeros(2)
+    if saved.are_values:
+        return np.array([last]), 1.0, slowest
     if family.has_contact:
         lows = {x.name: x.low for x in limits}
         slowest = np.array([lows.get(name, 0.0) for name in SLOWEST])

@@ -118,7 +118,7 @@ def list_extras(saved: FittedModel, entries: Sequence[str] | Mapping[str, str] |
     Raises:
         InputError: the family has no such channel, the campaign measures it already, its noise makes no sense.
     """
-    offered = find_family(saved.family).plan.added
+    offered = {} if saved.are_values else find_family(saved.family).plan.added  # beside values there are no series
     if entries is None:
         wanted = {name: noise for name, noise in offered.items() if not _is_measured(saved, name)}
     else:

@@ -25,7 +25,7 @@ from ..families import open_campaign
 from ..inference.archive import Model, load
 from ..inference.bounded import solve_bounded
 from ..inference.estimation import fit
-from ..inference.files import check_folder, list_versions, make_plain, read_json, refuse_peaks, write_json
+from ..inference.files import check_folder, list_versions, make_plain, read_json, write_json
 from ..inference.findings import AbstractRivals, Fit, summarise_fit
 from ..inference.noise import Noise
 from ..inference.problem import Problem
@@ -208,7 +208,6 @@ def read_discovery(folder: Path) -> tuple[str, list[tuple[type[AbstractEffect], 
         InputError: The files are damaged or of something else, or there is no rival.
     """
     path = folder / "result.json"
-    refuse_peaks(folder)
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         model, campaign, sha256 = (str(content[key]) for key in ("model", "campaign", "sha256"))

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from .. import figures
+from ..figures.traces import are_values
 from ..measurement.quantities import clean, describe_quantity, format_error, format_number
 from ..selection.compare import Comparison, Comparisons
 from ..selection.result import Place, Trace
@@ -43,11 +44,11 @@ def write_comparison(
     sections: Sequence[Section] = (),
     name: str = "comparison.html",
 ) -> Path:
-    """Write a comparison of one or two models with a campaign as a page; figures as PNG in `figures/` beside it.
+    """Write a comparison of models with a campaign as a page; figures as PNG in `figures/` beside it.
 
     Args:
         sentence: the first thing on the page.
-        models: traces by the model's name; of two, the simpler first.
+        models: traces by the model's name; of two, the simpler first; more only of values, one a record.
         folder: where to write.
         title: of the page, shown by the browser.
         noise: by channel, as in `Discovery.noise`.
@@ -79,10 +80,14 @@ def report_comparison(found: Comparison | Comparisons, folder) -> Path:
         what, where = f"the model {found.model}", found.where
     else:
         best = len(found) - 1 if found.best is None else found.best
-        one, shown = found[best], {found.names[k]: found[k].traces for k in dict.fromkeys((0, best))}
+        values = are_values(found[0].traces)  # one figure has room for all models of them
+        some = range(len(found)) if values else dict.fromkeys((0, best))
+        one, shown = found[best], {found.names[k]: found[k].traces for k in some}
         labels = [(name, each.free) for name, each in zip(found.names, found, strict=True)]
         floors = [each.noise_nrmse for each in found]
-        sections = [show_errors(labels, found.models, floors, found.names), _show_signatures(found)]
+        sections = [show_errors(labels, found.models, floors, found.names)]
+        if not values:
+            sections.append(_show_signatures(found))
         what, where = f"{len(found)} models", found[0].where
     return write_comparison(
         found.sentence, shown, folder, title=f"{one.campaign} and {what}", noise=one.noise, where=where,

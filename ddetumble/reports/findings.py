@@ -11,7 +11,7 @@ import numpy as np
 
 from .. import figures
 from ..families import View, find_family
-from ..figures.traces import find_span, find_stretch, is_peaks, standardise
+from ..figures.traces import are_values, find_span, find_stretch, standardise
 from ..measurement.quantities import (
     clean,
     describe_quantity,
@@ -149,10 +149,10 @@ def show_fits(models: Mapping[str, Sequence[Trace]]) -> Section:
     first = next(iter(models.values()))
     view, pictures = choose_view(first), []
     for i, channel in enumerate(list_channels(first)):
-        if is_peaks(first):
+        if are_values(first):
             caption = (f"{_begin(channel)} of each record, measured and modelled; below, the residual in units of the "
                        "noise.")
-            pictures.append(draw_picture(f"peaks-{channel}", caption, figures.draw_peaks, models, channel))
+            pictures.append(draw_picture(f"values-{channel}", caption, figures.draw_values, models, channel))
             continue
         caption = (f"{_begin(channel)} of records spread over the conditions: measured (dots) and modelled (lines). "
                    "Below each, measured minus model in units of the noise, single samples faint and their running "
@@ -170,16 +170,16 @@ def show_failures(models: Mapping[str, Sequence[Trace]], noise: Mapping | None =
                   where: Sequence[Place] | None = None) -> Section:
     """Where the residuals sit, and what they depend on; `where` is None where nobody looked for places."""
     first = next(iter(models.values()))
-    view, channels = choose_view(first), list_channels(first)
-    pictures = [draw_picture(
-        "record-errors", "Root mean square of the residual over the noise at each condition, repeats pooled. 1 is as "
-        "good as a model can be.", figures.draw_record_errors, models,
-        alt="Grid of the error over the noise by condition.")]
-    if not is_peaks(first):
-        pictures.insert(0, draw_picture(
+    view, channels, pictures = choose_view(first), list_channels(first), []
+    if not are_values(first):  # residuals of values are all seen beside the measurements
+        pictures.append(draw_picture(
             "residual-map", "Mean residual over the noise, one row per record in the order of its conditions. Stripes "
             "that many rows share suggest physics; scattered colour is noise, or a wrong setting in one record.",
             figures.draw_residual_map, models, alt=f"Heat map of the residuals by record and {view.share}."))
+        pictures.append(draw_picture(
+            "record-errors", "Root mean square of the residual over the noise at each condition, repeats pooled. 1 is "
+            "as good as a model can be.", figures.draw_record_errors, models,
+            alt="Grid of the error over the noise by condition."))
         apart = f"{view.apart} apart, " if view.phases else ""
         for channel in channels:
             pictures.append(draw_picture(

@@ -34,7 +34,9 @@ def report_fit(fit: Fit, folder, name: str = "report.html") -> Path:
     drawn = _Drawn(fit.parameters, correlations)
     sections = [
         show_parameters({"this fit": drawn}, [clean(text, 400) for text in (*fit.cannot_tell_apart, *fit.notes)]),
-        show_fits(traces), show_failures(traces, {c: dc.asdict(one.without_sizes()) for c, one in fit.noise.items()})]
+        show_fits(traces)]
+    if not fit.problem.records.are_values:
+        sections.append(show_failures(traces, {c: dc.asdict(one.without_sizes()) for c, one in fit.noise.items()}))
     if shifts:
         sections.append(show_shifts({fit.model_text: shifts}))
     told = str(fit.goodness) or (f"There is no sign of gross lack of fit (χ² / dof = "

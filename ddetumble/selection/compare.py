@@ -13,7 +13,7 @@ from .._display import AbstractPrinted, Progress
 from .._sentences import Sentence, say
 from ..contact.effect import is_absent
 from ..families import Family, View, find_family, name_family, open_campaign
-from ..inference.archive import Model, resolve_model, take_fitted
+from ..inference.archive import FittedModel, Model, resolve_model, take_fitted
 from ..inference.estimation import fit
 from ..inference.files import make_plain, write_json
 from ..measurement.campaign import Campaign, thin_campaign
@@ -222,7 +222,7 @@ def compare(campaign, *models, refit=True, progress=None):
     within their stated uncertainty.
 
     Args:
-        campaign: with samples, or its folder.
+        campaign: measured, or its folder.
         *models: by name, in hand, or fitted, as for `fit`; the paper's where none is given. For each one more step of
             the loop: `compare(data, model, model + Adhesion())`.
         refit: False takes a reference model's own values too.
@@ -232,8 +232,7 @@ def compare(campaign, *models, refit=True, progress=None):
         A `Comparison` of one model; of several `Comparisons`, with a table of their errors and one sentence.
 
     Raises:
-        InputError: the campaign cannot be used, for one because it holds peaks only (`ddetumble.paper.judge_campaign`
-            reads those).
+        InputError: the campaign cannot be used.
         ComputationError: a model could not be integrated.
     """
     report = progress or (lambda text, share: None)
@@ -262,13 +261,13 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
     resolved = resolve_model(model, name_family(campaign))
     campaign, thinned = thin_campaign(campaign, MANY)
     given = resolved.fitted
-    own: tuple[str, ...] | None = None  # names of what was fitted, where these records chose it
+    saved: FittedModel | None = None
     if given:
         saved = take_fitted(model)  # type: ignore[arg-type]
-        own = saved.free if saved.sha256 == campaign.sha256 else None
     elif refit and any(is_absent(e) for e in resolved.effects):
-        made = fit(campaign, model)
-        resolved, own = resolve_model(made, name_family(campaign)), tuple(made.parameters)
+        saved = fit(campaign, model).fitted_model()
+        resolved = resolve_model(saved, name_family(campaign))
+    own = saved.free if saved is not None and saved.sha256 == campaign.sha256 else None  # chosen by these records
     bench = pose_selection(campaign, resolved.reference, (), resolved.effects, fit_given=False)
     if not refit or resolved.fitted:
         # What was fitted elsewhere holds against what this campaign says is known.
@@ -285,6 +284,8 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
     chosen = fitted
     if own is not None:  # cross-validated over what these records chose, where the model stands
         names = tuple(n for n in bench.space.index if n in own or n in solution.names)
+        if saved is not None and bench.records.are_values:  # what they do not determine was fitted under priors
+            bench = dc.replace(bench, priors=saved.priors).restack(bench.noise)
         chosen = bench.file(fitted.effects, bench.problem.solve(names, solution.u, solution.z, moving=False))
     # What a model that fails leaves is no measure of the noise: there the stated size counts.
     level = {c: dc.replace(n, sd=n.stated_sd or n.sd) for c, n in bench.noise.items()} if lack.rejected else bench.noise
@@ -381,20 +382,22 @@ def bin_residuals(traces: Sequence[Trace], end: Mapping[str, float], campaign: C
 
     `end` is that of the contact or record, in its independent variable.
     """
-    rows = []
+    rows: list[dict[str, Any]] = []
     for channel, own in _split(traces).items():
         z = [(t.measured - t.model) / t.sd for t in own]
-        # (variable, phase) to the value of it and where it counts, one pair a record.
-        views: dict[tuple[str, str], list[tuple[np.ndarray, np.ndarray]]] = {
+        # (variable, phase) to the value of it and where it counts, one pair a record; values lie over conditions alone.
+        values = all(t.is_value for t in own)
+        views: dict[tuple[str, str], list[tuple[np.ndarray, np.ndarray]]] = {} if values else {
             (own[0].independent, "both"): [(t.time / end[t.record], t.time > 0) for t in own],
             (family.rate, "both"): [(t.state_rate, t.state > 0) for t in own]}
-        for phase, sign in zip(family.phases, (1.0, -1.0), strict=True):
+        for phase, sign in zip(() if values else family.phases, (1.0, -1.0), strict=False):
             views[family.state, phase] = [(t.state, (t.state > 0) & (sign * t.state_rate > 0)) for t in own]
         for name in campaign.conditions:
-            views[name, "both"] = [(np.full(len(t.time), t.conditions[name]), t.state > 0) for t in own]
+            views[name, "both"] = [(np.full(len(t.time), t.conditions[name]), values | (t.state > 0)) for t in own]
         for (variable, phase), pairs in views.items():
             rows += [{"channel": channel, "variable": variable, "phase": phase, **row} for row in _bin(z, pairs)]
-    return pd.DataFrame(rows)
+    return pd.DataFrame(rows, columns=["channel", "variable", "phase", "low", "high", "mean", "standard_error",
+                                       "records", "samples"])
 
 
 def _bin(z: list[np.ndarray], pairs: list[tuple[np.ndarray, np.ndarray]]) -> list[dict[str, float]]:

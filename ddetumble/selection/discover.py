@@ -49,7 +49,7 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     """Find out which physical effect a campaign shows and the model lacks.
 
     Args:
-        campaign: a campaign with samples, or its folder.
+        campaign: measured, or its folder.
         model: reference model, by name or in hand; one that has effects already is grown further.
         effects: effects of your own, tried beside the catalogue.
         settings: thresholds that decide; the result keeps them.
@@ -61,7 +61,7 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
         model, its `rivals` and its `fits` step by step are what `fit` returns.
 
     Raises:
-        InputError: the campaign cannot be used (wrong family, peaks only, nothing to fit).
+        InputError: the campaign cannot be used (wrong family, nothing to fit).
         ComputationError: the reference model could not be integrated.
     """
     began = time.perf_counter()

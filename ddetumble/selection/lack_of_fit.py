@@ -113,6 +113,9 @@ def judge_fit(problem: Problem, solution: Solution, bases: Sequence[sparse.csr_m
             f"whitened residuals over {degrees:.0f} degrees of freedom (noise level known to "
             f"{100 * spread:.1f} %); the largest efficient score of any effect or test direction outside the model{how}"
             f"{moved}{repeats}")
+    if problem.records.are_values and smooth == 1.0:
+        text += ("; the values leave nothing to test with that chi-square, as the model has as many parameters as the "
+                 "curve whose scatter takes the place of the noise")
     return LackOfFit(total / count, degrees, p, settings.level, p < settings.level, smooth, score_p_value, moves, text,
                      repeats_p_value)
 

@@ -112,7 +112,7 @@ def locate(selection: SelectionProblem, base: Fitted, directions: dict[str, Fitt
     `share` is everywhere the share of its channel's misfit that lies in the range, as the residuals have it.
     """
     found = residual_places(selection, base)
-    if not directions:
+    if not directions or selection.records.are_values:
         return found
     name, best = next(iter(directions.items()))
     if not selection.settings.is_beaten(*compare_losses(base.loss, best.loss, selection.groups)):
@@ -158,7 +158,10 @@ def _place(selection: SelectionProblem, direction: str, fitted: Fitted) -> Place
 
 
 def residual_places(selection: SelectionProblem, fitted: Fitted) -> list[Place]:
-    """For every channel the range of the state (depression, slip) and the phase that hold most of the misfit."""
+    """For every channel the range of the state (depression, slip) and the phase that hold most of the misfit; of
+    values, of which a test gives one each, the range of a condition."""
+    if selection.records.are_values:
+        return _place_values(selection, fitted)
     edges, excess, samples = _bin_excess(selection, fitted, COARSE)
     places = []
     for channel, own in excess.items():
@@ -171,6 +174,41 @@ def residual_places(selection: SelectionProblem, fitted: Fitted) -> list[Place]:
         chosen = slice(order[:count].min(), order[:count].max() + 1)
         places.append(Place(channel, selection.family.state, (float(edges[chosen.start]), float(edges[chosen.stop])),
                             selection.family.phases[phase], float(own[phase][chosen].sum() / whole)))
+    return places
+
+
+def _place_values(selection: SelectionProblem, fitted: Fitted) -> list[Place]:
+    r"""For every channel of values the range of that condition over which they stray most alike.
+
+    Of all ranges of neighbouring levels of all conditions it is the one with the largest $(\sum_i r_i)^2/n$, of the n
+    residuals over the noise in it: chi-square of their mean.
+    """
+    records, table = selection.records, selection.campaign.records
+    residual = fitted.solution.residual.reshape(records.count, len(records.channels), -1)[..., 0]
+    valid = np.asarray(records.stack.weights)[: records.count, :, 0] > 0
+    places = []
+    for c, channel in enumerate(records.channels):
+        r = residual[valid[:, c], c]
+        excess = np.maximum(r**2 - 1.0, 0.0)
+        if np.sum(r**2 - 1.0) < 3.0 * np.sqrt(2.0 * r.size):
+            continue
+        best, where = 0.0, None
+        for name in map(str, table.columns):
+            values = table[name].to_numpy(dtype=float)[valid[:, c]]
+            levels, own = np.unique(values, return_inverse=True)
+            if len(levels) < 2:
+                continue
+            count, total, held = (np.concatenate([[0.0], np.cumsum(np.bincount(np.ravel(own), weights, len(levels)))])
+                                  for weights in (None, r, excess))
+            first, last = np.triu_indices(len(levels))
+            gain = (total[last + 1] - total[first]) ** 2 / (count[last + 1] - count[first])
+            k = int(np.argmax(gain))
+            if gain[k] > (1.0 + 1e-9) * best:  # of two conditions that say the same, the first
+                best, low, high = float(gain[k]), first[k], last[k]
+                where = Place(channel, name, (float(levels[low]), float(levels[high])), "both",
+                              float((held[high + 1] - held[low]) / excess.sum()))
+        if where is not None:
+            places.append(where)
     return places
 
 

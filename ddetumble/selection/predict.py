@@ -92,7 +92,7 @@ def read_request(conditions: str | Path | pd.DataFrame, saved: FittedModel, name
             raise InputError(tell(row), file=place, column=column, row=lines[row])
 
     headings = _name_columns(table, (*names, "record", abscissa))
-    timed = abscissa in headings
+    timed = abscissa in headings and not saved.are_values
     if timed and "record" not in headings:
         raise InputError(f"there is no column 'record'; the file has {', '.join(table.columns)}", file=place)
     keys = np.array([f"r{k + 1:02d}" for k in range(len(table))], dtype=object)
@@ -184,7 +184,8 @@ def predict(model: str | Path | FittedModel | AbstractFitted | ModelWeights,
         conditions: CSV file in long form, or a table like it: `record`, the conditions, `time` (of slip records
             `slip`, since the stroke began); one row a wanted sample, SI, or in the unit of its heading
             (`initial_pressure [MPa]`). Without `time` there is one row a record, and the times are chosen: until a
-            quarter of the contact time after separation, or those of a record of the campaign. Of tumbling records the
+            quarter of the contact time after separation, or those of a record of the campaign; of values, of which
+            a test gives one each, there are none. Of tumbling records the
             body's true rates at t = 0 are conditions: `angular_velocity_x0`, `angular_velocity_y0`,
             `angular_velocity_z0`.
 
@@ -248,7 +249,7 @@ def _predict_model(model: str | Path | FittedModel | AbstractFitted,
         for i, (r, k) in enumerate(zip(rows, places, strict=True)):
             for c, channel in enumerate(channels):
                 found[channel][:, r] = mean[i, c, k], sd[i, c, k], new[i, c, k]
-    columns = {"record": keys, abscissa: values[abscissa]}
+    columns = {"record": keys} if saved.are_values else {"record": keys, abscissa: values[abscissa]}
     for channel in channels:
         for k, ending in enumerate(("", "_sd", "_sd_new")):
             columns[channel + ending] = found[channel][k]
@@ -291,6 +292,8 @@ def lay_times(saved: FittedModel, request: Request) -> Request:
     if saved.sampling is None:
         raise InputError(f"there is no column {name!r}, and the model does not say how long its records are: add the "
                          "column, or fit the model again")
+    if saved.are_values:
+        return request.at(name, [np.array([saved.sampling.last])] * len(groups))
     if not saved.space.family.has_contact:
         # Of slip records that are time series the slip is a channel, and the independent variable the time.
         last = saved.sampling.largest.get("slip", saved.sampling.last)

@@ -35,6 +35,11 @@ class Trace:
     family: str = DEFAULT_FAMILY
     independent: str = "time"  # or `slip`
 
+    @property
+    def is_value(self) -> bool:
+        """Whether it is one number of a test, such as a peak, and no curve."""
+        return np.size(self.time) <= 1
+
 
 @dc.dataclass(frozen=True)
 class Estimate:

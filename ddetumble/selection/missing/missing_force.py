@@ -64,7 +64,7 @@ def draw_missing_force(campaign: Campaign | str | Path, model: Model = "paper", 
         A `MissingForce`: ceiling, shapes, spectrum, simple laws, and a sentence.
 
     Raises:
-        InputError: the campaign cannot be used (wrong family, peaks only, nothing to fit).
+        InputError: the campaign cannot be used (wrong family, values without a curve, nothing to fit).
         ComputationError: the reference model could not be integrated.
     """
     report = progress or (lambda text, share: None)
