@@ -300,8 +300,8 @@ def make_debris(body: AbstractBody, inertia: Any = None, centre: Any = None) -> 
         normals = np.concatenate([np.eye(3), -np.eye(3)])
         surface = make_polytope(0.5 * signs * np.asarray(body.lengths), normals, ("+x", "+y", "+z", "-x", "-y", "-z"))
     elif isinstance(body, Mesh):
-        centre = integrate_mesh(body.vertices, body.faces)[1]
-        surface = merge_faces(np.asarray(body.vertices) - np.asarray(centre), body.faces)
+        middle = integrate_mesh(body.vertices, body.faces)[1]
+        surface = merge_faces(np.asarray(body.vertices) - np.asarray(middle), body.faces)
     else:
         raise InputError(f"a {type(body).__name__} cannot be struck, because its surface is not defined; use a "
                          f"Cylinder, "

@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import math
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -69,8 +70,8 @@ def _strike_along(problem: StrikeProblem, plan: StrikePlan, rule: str, way: np.n
     speeds = most * np.arange(1, SPEEDS + 1) / SPEEDS
     k = int(np.argmin([judge(speed) for speed in speeds]))
     low, high = speeds[k] - most / SPEEDS, min(speeds[k] + most / SPEEDS, most)
-    best = float(minimize_scalar(judge, bounds=(low, high), method="bounded", options={"xatol": 1e-6 * most}).x)
-    best = min((best, float(speeds[k])), key=judge)
+    found: Any = minimize_scalar(judge, bounds=(low, high), method="bounded", options={"xatol": 1e-6 * most})
+    best = min((float(found.x), float(speeds[k])), key=judge)
 
     def leave(speed: float) -> tuple[float, tuple[str, ...]]:
         after = strike_debris(problem, read_design(problem, jnp.asarray(face), jnp.asarray(place(speed))))
