@@ -95,11 +95,11 @@ def test_bad_input(arguments, capsys, monkeypatch, tmp_path):
 
 @pytest.mark.study
 def test_the_demo_ends_with_a_plan(tmp_path, capsys):
-    """The whole story as the README has it: paper, discovery, and a strike with what was learnt."""
+    """The whole story as the README has it: discovery, and a strike with what was learnt."""
     assert main(["demo", "-o", str(tmp_path / "demo")]) == 0
     told = capsys.readouterr().out
     found = json.loads((tmp_path / "demo" / "discovery" / "result.json").read_text(encoding="utf-8"))
-    for folder in ("paper", "discovery", "plan"):
+    for folder in ("discovery", "plan"):
         assert (tmp_path / "demo" / folder / "report.html").stat().st_size > 10_000, folder
     plan = json.loads((tmp_path / "demo" / "plan" / "plan.json").read_text(encoding="utf-8"))
     assert plan["possible"] and 0.0 < plan["share_left"] < 0.8 and plan["uncertainty"]

@@ -15,7 +15,7 @@ def tell_story(
     output: Annotated[Path, place("Folder for the report and its figures.")] = Path("ddetumble-demo"),
     overwrite: Overwrite = False,
 ):
-    """Show the whole analysis on shipped data: the paper's tables, a campaign with a hidden effect, and a strike
+    """Show the whole analysis on shipped data: a table of the paper, a campaign with a hidden effect, and a strike
     planned with the model that was found. Writes the reports.
     """
     with open_folder(output, "demo", overwrite) as out:
