@@ -6,6 +6,7 @@ of every change. Writes `result.json` and `README.md`, after every command anew.
 """
 
 import argparse
+import json
 import re
 import shutil
 import subprocess
@@ -154,16 +155,20 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--output", type=Path, required=True, help="folder of the results")
     parser.add_argument("--keep", type=Path, help="clone here, and keep it; one that is there already is used again")
+    parser.add_argument("--page", choices=PAGES, action="append", help="run only this page, what the other's commands "
+                        "made being there; may be repeated")
     parser.add_argument("--only", help="run only commands in which this text stands")
     given = parser.parse_args(arguments)
     clone = given.keep or Path(tempfile.mkdtemp()) / "ddetumble"
     if not clone.exists():
         subprocess.run(["git", "clone", "-q", str(ROOT), str(clone)], check=True)
         lay_out(clone)
-    rows, versions = [], list_versions()
+    pages, versions, path = given.page or PAGES, list_versions(), given.output / "result.json"
+    rows = json.loads(path.read_text(encoding="utf-8"))["commands"] if given.page and path.exists() else []
+    rows = [row for row in rows if row["page"] not in pages]
     given.output.mkdir(parents=True, exist_ok=True)
-    activate = ""
-    for page in PAGES:
+    activate = "source .venv-3.13/bin/activate" if PAGES[0] not in pages else ""
+    for page in pages:
         program = []
         for language, block, line in read_blocks(page):
             if language == "python":
