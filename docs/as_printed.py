@@ -154,7 +154,8 @@ def main(arguments: list[str] | None = None) -> int:
     """Run all, write the page, and end with 1 where one failed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--output", type=Path, required=True, help="folder of the results")
-    parser.add_argument("--keep", type=Path, help="clone here, and keep it; one that is there already is used again")
+    parser.add_argument("--keep", type=Path, help="clone here, and keep it; where it is there already, what ended well "
+                        "in it before, by the results in the output's folder, is not run again")
     parser.add_argument("--page", choices=PAGES, action="append", help="run only this page, what the other's commands "
                         "made being there; may be repeated")
     parser.add_argument("--only", help="run only commands in which this text stands")
@@ -164,8 +165,9 @@ def main(arguments: list[str] | None = None) -> int:
         subprocess.run(["git", "clone", "-q", str(ROOT), str(clone)], check=True)
         lay_out(clone)
     pages, versions, path = given.page or PAGES, list_versions(), given.output / "result.json"
-    rows = json.loads(path.read_text(encoding="utf-8"))["commands"] if given.page and path.exists() else []
-    rows = [row for row in rows if row["page"] not in pages]
+    before = json.loads(path.read_text(encoding="utf-8"))["commands"] if given.keep and path.exists() else []
+    done = {(row["page"], row["command"]): row for row in before if row["status"] == 0}
+    rows = [row for row in before if row["page"] not in pages]
     given.output.mkdir(parents=True, exist_ok=True)
     activate = "source .venv-3.13/bin/activate" if PAGES[0] not in pages else ""
     for page in pages:
@@ -179,12 +181,16 @@ def main(arguments: list[str] | None = None) -> int:
                     subprocess.run(["python3", "run.py", "setup"], cwd=clone, check=True, capture_output=True)
                     activate = command
                     continue
-                if not command.startswith(LEFT_OUT) and (not given.only or given.only in command):
+                if (page, command) in done:
+                    rows.append(done[page, command])
+                elif not command.startswith(LEFT_OUT) and (not given.only or given.only in command):
                     rows.append({"page": page, "line": line} | run(command, clone, activate))
                     report(rows, versions, given.output)
         name = f"blocks_of_{Path(page).stem.lower()}.py"
         (clone / name).write_text("\n\n".join(program), encoding="utf-8")
-        if not given.only or given.only in name:
+        if (page, f"python {name}") in done:
+            rows.append(done[page, f"python {name}"])
+        elif not given.only or given.only in name:
             rows.append({"page": page, "line": 0} | run(f"python {name}", clone, activate))
             report(rows, versions, given.output)
     if given.keep is None:
