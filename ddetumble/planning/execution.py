@@ -87,7 +87,17 @@ class Spread:
 
 
 def try_errors(problem: StrikeProblem, plan: StrikePlan, sizes: ErrorSizes, seed: int = 0) -> tuple[Spread, ...]:
-    """Draw errors of each kind alone, and all together, and strike with them."""
+    """Momentum left by a planned impact under errors drawn of each kind alone, and of all together.
+
+    Args:
+        problem: as it was thought to be.
+        plan: of it.
+        sizes: standard deviations, and the number of draws.
+        seed: of the draws.
+
+    Returns:
+        One `Spread` a kind whose size is not zero, in the order of `NAMES`, and last that of all together.
+    """
     random = np.random.default_rng(seed)
     alone = [name for name in NAMES if getattr(sizes, name) > 0.0]
     groups = [(name,) for name in alone] + [tuple(alone)]
@@ -105,34 +115,37 @@ def try_errors(problem: StrikeProblem, plan: StrikePlan, sizes: ErrorSizes, seed
                         (float(drifted[k].mean()), float(drifted[k].std()))) for k in range(len(groups)))
 
 
-def _meet(problem: StrikeProblem, design: Design, errors: Mapping[str, Array]
-          ) -> Iterator[tuple[StrikeProblem, Design, float]]:
-    """True problem, design, and distance of first touch from an edge [m], of every draw.
+@eqx.filter_jit
+def _err_all(problem: StrikeProblem, design: Design, errors: Mapping[str, Array]
+             ) -> tuple[StrikeProblem, Design, Array]:
+    """True problem, design, and distance of first touch from an edge [m], all with a first axis of draws.
 
     Args:
         problem: as it was thought to be.
         design: that was planned of it.
         errors: three numbers a draw by name, of which some need fewer, SI or as a fraction, shapes (draws, 3).
     """
-    @eqx.filter_jit
-    def meet(errors: Mapping[str, Array]) -> tuple[StrikeProblem, Design, Array]:
-        def one(error: Mapping[str, Array]) -> tuple[StrikeProblem, Design, Array]:
-            true = err_problem(problem, error)
-            instant = design.instant + error["instant"][0]
-            attitude, rates = drift(true, instant)
-            arrival = rotate_back(attitude, rotate(design.attitude, design.point) + error["place"])
-            foot = true.debris.surface.find_foot(arrival)
-            turn = jnp.cross(error["direction"], design.velocity) / safe_sqrt(jnp.sum(design.velocity**2))
-            velocity = (1.0 + error["speed"][0]) * rotate(from_rotation_vector(turn), design.velocity)
-            met = Design(design.face, arrival - foot.distance * foot.normal, velocity, design.pressure, instant,
-                         attitude, rates, rotate(attitude, foot.normal))
-            return true, met, foot.margin
+    def one(error: Mapping[str, Array]) -> tuple[StrikeProblem, Design, Array]:
+        true = err_problem(problem, error)
+        instant = design.instant + error["instant"][0]
+        attitude, rates = drift(true, instant)
+        arrival = rotate_back(attitude, rotate(design.attitude, design.point) + error["place"])
+        foot = true.debris.surface.find_foot(arrival)
+        turn = jnp.cross(error["direction"], design.velocity) / safe_sqrt(jnp.sum(design.velocity**2))
+        velocity = (1.0 + error["speed"][0]) * rotate(from_rotation_vector(turn), design.velocity)
+        met = Design(design.face, arrival - foot.distance * foot.normal, velocity, design.pressure, instant, attitude,
+                     rates, rotate(attitude, foot.normal))
+        return true, met, foot.margin
 
-        return eqx.filter_vmap(one)(errors)
+    return eqx.filter_vmap(one)(errors)
 
-    # The impacts themselves one by one, as the program of one is there already and that of many would be compiled.
-    found = meet(errors)
-    arrays, rest = eqx.partition(found, eqx.is_array)
+
+def _meet(problem: StrikeProblem, design: Design, errors: Mapping[str, Array]
+          ) -> Iterator[tuple[StrikeProblem, Design, float]]:
+    """The same draw by draw; the impacts themselves are struck one by one, as the program of one is there already and
+    that of many would have to be compiled.
+    """
+    arrays, rest = eqx.partition(_err_all(problem, design, errors), eqx.is_array)
     leaves, tree = jax.tree.flatten(jax.tree.map(np.asarray, arrays))
     for k in range(len(errors["place"])):
         true, met, margin = eqx.combine(jax.tree.unflatten(tree, [jnp.asarray(leaf[k]) for leaf in leaves]), rest)

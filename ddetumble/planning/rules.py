@@ -40,7 +40,9 @@ class Blow:
 
 
 def compare_rules(problem: StrikeProblem, plan: StrikePlan) -> tuple[Blow, ...]:
-    """The straight blow along the normal, and the paper's rule: against the velocity of the point that is struck."""
+    """What two rules leave at the place, instant and pressure of a plan: a straight blow along the normal, and the
+    paper's rule (its introduction), against the velocity of the point that is struck.
+    """
     design = plan.design
     moving = np.asarray(rotate(design.attitude, jnp.cross(design.angular_velocity, design.point)))
     ways = (("straight along the normal", -np.asarray(design.normal)),
@@ -49,7 +51,7 @@ def compare_rules(problem: StrikeProblem, plan: StrikePlan) -> tuple[Blow, ...]:
 
 
 def _strike_along(problem: StrikeProblem, plan: StrikePlan, rule: str, way: np.ndarray) -> Blow:
-    """The best allowed speed along a direction, inertial, shape (3,)."""
+    """Blows along a direction `way`, inertial, unit, shape (3,): with the plan's speed, and with the best allowed."""
     face, design, most = plan.place[0], plan.design, float(problem.limits.speed)
     normal = np.asarray(rotate_back(design.attitude, design.normal))
     first, second = (np.asarray(one) for one in span_plane(jnp.asarray(normal)))

@@ -236,9 +236,9 @@ class MissingForce(AbstractPrinted):
     def to_dict(self, settings: bool = True) -> dict[str, Any]:
         """Plain numbers, text, lists; with the thresholds unless they stand beside it."""
         found = make_plain(self)
-        found["settings"] = {"thresholds": found["settings"]}
-        if not settings:
-            del found["settings"]
+        thresholds = found.pop("settings")
+        if settings:
+            found["settings"] = {"thresholds": thresholds}
         for law in found["laws"]:
             del law["losses"]
         losses = {"model": self.model, "catalogue": self.catalogue and self.catalogue[1],
