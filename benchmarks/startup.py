@@ -37,7 +37,7 @@ def main(arguments=None):
     for k in range(options.repeats):
         print(f"first and second discover, {k + 1} of {options.repeats} ...", file=sys.stderr, flush=True)
         with tempfile.TemporaryDirectory() as folder:
-            command = ["discover", str(campaign), "-o", str(Path(folder) / "discovery")]
+            command = ["discover", str(campaign), "-o", str(Path(folder) / "discovery"), "--overwrite"]
             cache = str(Path(folder) / "cache")
             times["first"].append(run(command, cache))
             times["second"].append(run(command, cache))
