@@ -135,3 +135,14 @@ def test_hum_in_a_campaign_of_the_second_simulator(tmp_path):
         assert line["frequency"] == pytest.approx(drawn["frequency"], rel=0.01)
         sd = found.noise["tangential_force"]["stated_sd"]
         assert line["rms"] == pytest.approx(drawn["amplitude"] * sd / np.sqrt(2.0), rel=0.15)
+
+
+@pytest.mark.slow
+def test_hum_of_a_few_tumbling_records_leaves_the_question_open(tmp_path):
+    """Too few to tell hum from physics, and no torque of any variable removes it: nothing is said to be missing."""
+    exam = Exam("tumble", 74, truths=("nothing",), bench="drawn")
+    case = sample_case(exam, 5)
+    assert "hum" in write_case(exam, case, tmp_path)["bench_details"]
+    found = discover(tmp_path)
+    assert found.verdict == "undecided" and found.irregular and not found.effects
+    assert found.steps[0].lack_of_fit.rejected and found.missing is None
