@@ -102,8 +102,8 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     irregular = isinstance(missing, MissingForce) and is_irregular(selection, steps[-1].fitted, missing)
     if irregular:
         verdict, where = "explained" if len(steps) > 1 else "nothing-missing", []
-    elif isinstance(missing, MissingForce) and verdict == "unexplained" and not where:
-        irregular = is_unplaced(selection, steps[-1].fitted, missing)
+    elif isinstance(missing, MissingForce) and verdict == "unexplained":
+        irregular = is_unrelated(selection, steps[-1].fitted, missing)
         verdict = "undecided" if irregular else verdict
     biases: list[SettingBias] = []
     if len(steps) > 1 and selection.holds_out:
@@ -272,7 +272,7 @@ def is_irregular(selection: SelectionProblem, fitted: Fitted, missing: MissingFo
     return p_value is not None and p_value > selection.settings.repeats
 
 
-def is_unplaced(selection: SelectionProblem, fitted: Fitted, missing: MissingForce) -> bool:
+def is_unrelated(selection: SelectionProblem, fitted: Fitted, missing: MissingForce) -> bool:
     """Whether no force of any variable removes any of a misfit, and nothing tells whether it repeats: it may be noise
     that is not as stated."""
     return not missing.shapes and selection.measure_repeats(fitted.solution) is None

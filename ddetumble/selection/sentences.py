@@ -180,7 +180,7 @@ def _tell_verdict(found: Discovery, family: Family, folds: str) -> Sentence:
         return say("verdict.bias_or_effect", model=model, before=before, p=p, bias=_describe_bias(found.biases[0]),
                    effects=list(found.biases[0].effects))
     if found.verdict == "undecided" and found.irregular:
-        return say("verdict.unplaced", model=model, records=records, before=before, p=p, folds=family.folds)
+        return say("verdict.unrelated", model=model, records=records, before=before, p=p, folds=family.folds)
     if found.verdict == "undecided" and lack.rejected:
         return say("verdict.undecided", model=model, records=records, conditions=conditions, before=before, p=p,
                    sufficient=[c.effect for c in found.candidates if c.explains > settings.largest_part],
