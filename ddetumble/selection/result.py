@@ -91,7 +91,7 @@ class LackOfFit:
 
     statistic: float  # chi-square of the smooth part of the residuals over its degrees of freedom
     degrees: float  # of freedom
-    p_value: float  # that decides: of the smallest of the three below, counted three times (Bonferroni)
+    p_value: float  # that decides: of the smallest of those below, counted as often as there are (Bonferroni)
     level: float  # at which it is judged
     rejected: bool  # whether the model lacks something: `p_value` below `level`
     smooth_p_value: float  # of the statistic
