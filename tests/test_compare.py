@@ -5,24 +5,26 @@ import json
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from ddetumble._errors import InputError
 from ddetumble._settings import find_data
 from ddetumble.cli import main
 from ddetumble.contact.law import Ball
-from ddetumble.effects.impact import WallStiffness
+from ddetumble.effects.impact import ArmServo, WallStiffness
 from ddetumble.exam.simulators.campaigns import write_package
 from ddetumble.exam.simulators.impact_campaigns import make_campaign
 from ddetumble.families import FAMILIES
 from ddetumble.inference.archive import make_fitted, resolve_model, save_model
+from ddetumble.inference.estimation import fit
 from ddetumble.inference.models import is_fitted
 from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.inference.problem import Problem
 from ddetumble.inference.stack import default_noise, stack_records
 from ddetumble.measurement.package import read_campaign
 from ddetumble.selection import localise
-from ddetumble.selection.compare import bin_residuals, compare
+from ddetumble.selection.compare import Refuted, bin_residuals, compare, conclude
 from ddetumble.selection.result import Place, Trace
 from ddetumble.selection.series import nrmse, nrmse_by_channel
 from ddetumble.selection.settings import DEFAULT
@@ -79,6 +81,53 @@ def test_missing(tmp_path, capsys):
     content = json.loads((tmp_path / "out" / "compare.json").read_text())
     assert content["sentence"] == found.sentence and len(content["records"]) == 12
     assert (tmp_path / "out" / "comparison.html").stat().st_size > 10000
+
+
+@pytest.mark.slow
+def test_chi_square_is_that_of_the_fit(tmp_path):
+    """Of a fit in hand and of its folder, where what a poor model leaves passes for correlated noise."""
+    campaign = read_campaign(find_data() / "impact-b")
+    found = fit(campaign, Ball() + ArmServo())
+    found.save(tmp_path / "fit")
+    assert found.noise["normal_force"].correlation > 0.3
+    for model in (found, tmp_path / "fit"):
+        assert compare(campaign, model).chi2_reduced == pytest.approx(found.chi2_reduced, rel=1e-6)
+
+
+def compared(squares, losses, rejected):
+    """What `compare` found of one model, as far as models are chosen by it; errors and deviances are by record."""
+    return SimpleNamespace(
+        heldout_nrmse=float(np.sqrt(np.sum(squares))), noise_nrmse=0.01, heldout_squares=np.array(squares),
+        heldout_losses=np.array(losses), groups=np.arange(len(squares)), lack_of_fit=SimpleNamespace(rejected=rejected),
+        records=pd.DataFrame({"record": [f"r{k}" for k in range(len(squares))]}))
+
+
+SAME = 1e-5 * np.ones(6)
+FEW = SAME + [0.0, 4e-4, 0.0, 4.5e-4, 1e-4, 0.0]  # two conditions make the error three times as large
+
+
+@pytest.mark.parametrize(("lacking", "deviance", "refuted", "alike"), [
+    (True, 2000.0, (Refuted(0, 1, 2000.0, ("r3", "r1")),), []),  # a misfit that a few records hold
+    (True, 5.0, (), ["a"]),  # no more than chance
+    (False, 2000.0, (), ["a"]),  # and no lack of fit
+])
+def test_which_model_the_data_reject(lacking, deviance, refuted, alike):
+    """Errors within two standard errors leave two models open, unless the data reject one of them and not the other."""
+    wrong = compared(FEW, 100.0 + np.array([0.0, 0.4, 0.0, 0.6, 0.0, 0.0]) * deviance, lacking)
+    right = compared(SAME, 100.0 * np.ones(6), False)
+    found = conclude((wrong, right), ("a", "b"))
+    assert (found.best, found.alike, found.refuted) == (1, (0,), refuted)
+    assert found.sentence.facts["alike"] == alike
+    assert [one["records"] for one in found.sentence.facts["refuted"]] == [list(one.records) for one in refuted]
+
+
+def test_a_model_may_cross_validate_best_and_be_rejected():
+    """Where the error is the smaller one by chance; and one that lies further away is no matter of few records."""
+    wrong, right = compared(SAME, 900.0 * np.ones(6), True), compared(FEW, 100.0 * np.ones(6), False)
+    far = compared(SAME + 1e-3, 900.0 * np.ones(6), True)
+    found = conclude((right, wrong, far), ("right", "wrong", "far"))
+    assert (found.best, found.alike) == (1, (0,))
+    assert [(one.model, one.other) for one in found.refuted] == [(1, 0)]
 
 
 def test_refused(tmp_path):

@@ -16,17 +16,19 @@ from ..families import Family, View, find_family, name_family, open_campaign
 from ..inference.archive import FittedModel, Model, resolve_model, take_fitted
 from ..inference.estimation import fit
 from ..inference.files import make_plain, write_json
+from ..inference.noise_estimation import differs_from_stated
 from ..measurement.campaign import Campaign, thin_campaign
 from ..measurement.quantities import describe_quantity, format_quantity
 from .cross_validation import compare_losses
 from .describe import describe_noise, measure_held, public_estimates
 from .lack_of_fit import is_moved, measure_shifts
 from .localise import residual_places
-from .problem import PredictionError, fit_reference, pose_selection
+from .problem import Fitted, PredictionError, SelectionProblem, fit_reference, pose_selection
 from .result import Estimate, LackOfFit, Place, SettingShift, Trace, list_shifts
 from .sentences import describe_level, find_longest
 from .sequential import Sequential, follow_records
 from .series import list_channels, make_traces, nrmse, split_error
+from .settings import DEFAULT
 from .text import describe_place
 
 
@@ -56,7 +58,8 @@ class Comparison(_Written):
         campaign, title, sha256, model: names; `fitted` the parameters that were refitted.
         sentence: the outcome in words.
         lack_of_fit: whether something is missing.
-        chi2_reduced: of the whitened residuals and setting errors.
+        chi2_reduced: of the whitened residuals and setting errors, as by `fit`: under the noise measured from the
+            residuals of this model, where `discover` takes one noise for all its models.
         nrmse, noise_nrmse: rms residual over rms signal, and what noise alone leaves of it.
         channels, records, conditions: errors, one row each: `rms` [SI], `ratio` (to the noise), `bias` [SI], `nrmse`,
             `samples`; records with their conditions and `chi2_reduced`; conditions are groups of equal settings.
@@ -76,6 +79,7 @@ class Comparison(_Written):
         prediction_nrmse, prediction_coverage: the prediction error from settings as they are written down, and the
             share of samples within the predicted 95 % interval; NaN for a model of another campaign.
         heldout_squares: of the cross-validated error, by record: their sum is its square, shape (records,).
+        heldout_losses: cross-validated deviance of every record, in noise variances, shape (records,).
         groups: condition of every record, shape (records,).
         converged: state of the optimiser.
         free: number of parameters that these records chose, here or before.
@@ -108,6 +112,7 @@ class Comparison(_Written):
     prediction_nrmse: float = float("nan")
     prediction_coverage: float = float("nan")
     heldout_squares: np.ndarray = dc.field(default_factory=lambda: np.zeros(0), repr=False, compare=False)
+    heldout_losses: np.ndarray = dc.field(default_factory=lambda: np.zeros(0), repr=False, compare=False)
     groups: np.ndarray = dc.field(default_factory=lambda: np.zeros(0, dtype=int), repr=False, compare=False)
     converged: bool = True
     free: int = 0
@@ -143,9 +148,23 @@ class Comparison(_Written):
         plain = {}
         for field in dc.fields(self):
             value = getattr(self, field.name)
-            if field.name not in ("traces", "shifts", "heldout_squares", "groups"):
+            if field.name not in ("traces", "shifts", "heldout_squares", "heldout_losses", "groups"):
                 plain[field.name] = value.to_dict("records") if isinstance(value, pd.DataFrame) else value
         return make_plain({**plain, "nuisances": list_shifts(self.shifts)})
+
+
+@dc.dataclass(frozen=True)
+class Refuted:
+    """A model that the data reject beside another, although the cross-validated errors are within two standard errors.
+
+    It shows significant lack of fit and the other none, and its cross-validated deviance is larger by more than chance,
+    as `discover` judges it.
+    """
+
+    model: int  # number of the rejected one
+    other: int  # and of the one that is not
+    difference: float  # of their cross-validated deviances, in noise variances
+    records: tuple[str, ...]  # the fewest that hold most of the difference of the errors, the largest first
 
 
 @dc.dataclass(frozen=True)
@@ -158,6 +177,7 @@ class Comparisons(Sequence[Comparison], _Written):
         best: number of the one with the smallest cross-validated error; None where that is not known.
         alike: numbers of those whose cross-validated error is not larger than its by two standard errors of the paired
             difference over conditions.
+        refuted: those of these and the best that the data reject although their errors are so near.
         sentence: the outcome in words.
     """
 
@@ -166,6 +186,7 @@ class Comparisons(Sequence[Comparison], _Written):
     best: int | None
     alike: tuple[int, ...]
     sentence: str
+    refuted: tuple["Refuted", ...] = ()
 
     def __len__(self) -> int:
         return len(self.models)
@@ -195,12 +216,14 @@ class Comparisons(Sequence[Comparison], _Written):
             "prediction_coverage": "coverage", "noise_nrmse": "noise"})
         notes = dict.fromkeys(note for one in self.models for note in one.notes)
         return "\n\n".join(["\n".join((self.sentence, *(f"- {note}" for note in notes))),
-                            shown.to_string(index=False, float_format="{:.4g}".format)])
+                            shown.to_string(index=False, float_format="{:.4g}".format),
+                            "Each model is fitted, and its chi2/dof counted, under the noise measured from its own "
+                            "residuals."])
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the fitted series, as JSON can hold it."""
         return make_plain({"sentence": self.sentence, "names": self.names, "best": self.best, "alike": self.alike,
-                           "models": [one.to_dict() for one in self.models]})
+                           "refuted": self.refuted, "models": [one.to_dict() for one in self.models]})
 
 
 @overload
@@ -245,7 +268,7 @@ def compare(campaign, *models, refit=True, progress=None):
         report(f"comparing {name}", k / len(models))
         found.append(_compare_one(campaign, model, name, refit))
         names.append(name if names.count(name) == 0 else f"{name} ({k + 1})")
-    return found[0] if len(found) == 1 else _conclude(tuple(found), tuple(names))
+    return found[0] if len(found) == 1 else conclude(tuple(found), tuple(names))
 
 
 def name_model(model: Model, family: str) -> str:
@@ -278,6 +301,8 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
                     start[bench.space.index[slot.name]] = value
         bench = dc.replace(bench, start=start, base=tuple(common.slot.name for common in bench.space.commons))
     bench, fitted = fit_reference(bench)
+    if own is not None and saved is not None:
+        bench, fitted = _take_noise(bench, fitted, saved)
     fitted = dc.replace(fitted, effects=tuple(e.id for e in resolved.effects))
     lack, _ = bench.test_lack_of_fit(fitted)
     solution, keys = fitted.solution, bench.records.keys
@@ -310,7 +335,7 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
     return Comparison(
         campaign=campaign.name, title=campaign.title, sha256=campaign.sha256, model=name, fitted=names,
         sentence=_tell(name, campaign, bench.family.view, traces, channels, records, where, lack, shifts, held, floor),
-        lack_of_fit=lack, chi2_reduced=float(solution.chi2) / max(float(used.sum()) - len(solution.names), 1.0),
+        lack_of_fit=lack, chi2_reduced=bench.reduce_chi2(chosen.solution),
         nrmse=nrmse(traces), noise_nrmse=floor, channels=channels, records=records,
         conditions=_tabulate_conditions(campaign, traces, bench.groups),
         residuals=bin_residuals(traces, dict(zip(keys, solution.end, strict=True)), campaign, bench.family),
@@ -318,23 +343,57 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
         noise=describe_noise(bench), traces=traces, shifts=shifts, held_nrmse=held,
         notes=(*bench.warnings, *filter(None, [thinned])), effects=fitted.effects, heldout_nrmse=adjusted.nrmse,
         prediction_nrmse=predicted.nrmse, prediction_coverage=predicted.coverage, heldout_squares=adjusted.squares,
-        groups=bench.groups, sequential=follow_records(bench.problem, solution, bench.bases, bench.noise),
+        heldout_losses=chosen.loss, groups=bench.groups,
+        sequential=follow_records(bench.problem, solution, bench.bases, bench.noise),
         converged=chosen.solution.converged or own is not None, free=len(chosen.solution.names))
 
 
-def _conclude(models: tuple[Comparison, ...], names: tuple[str, ...]) -> Comparisons:
+def _take_noise(bench: SelectionProblem, fitted: Fitted, saved: FittedModel) -> tuple[SelectionProblem, Fitted]:
+    """The same under the noise of a fit of these records, so that its chi-square is the one that `fit` gave.
+
+    A file does not keep the size of the noise of every sample: where that varies, what was measured here counts.
+    """
+    if any(bool(saved.noise[channel].sizes) != bool(n.sizes) for channel, n in bench.noise.items()):
+        return bench, fitted
+    bench = dc.replace(bench, noise=saved.noise).restack(saved.noise if differs_from_stated(saved.noise) else {})
+    again = bench.repeat(fitted)
+    return bench.span(again.solution), again
+
+
+def conclude(models: tuple[Comparison, ...], names: tuple[str, ...]) -> Comparisons:
     """Which model cross-validates best, which are not told from it, and both in words."""
     known = [k for k, one in enumerate(models) if np.isfinite(one.heldout_nrmse)]
     best = min(known, key=lambda k: models[k].heldout_nrmse, default=None)
     good = [name for name, one in zip(names, models, strict=True) if not one.lack_of_fit.rejected]
     if best is None:
-        return Comparisons(models, names, None, (), say("verdict.no_comparison", good=good))
+        return Comparisons(models, names, None, (), say("verdict.no_comparison", good=good, count=len(models)))
     others, top = [k for k in known if k != best], models[best]
     differences = {k: compare_losses(models[k].heldout_squares, top.heldout_squares, top.groups) for k in others}
     alike = tuple(k for k, (difference, error) in differences.items() if difference < 2 * error)
+    pairs = [pair for k in alike for pair in ((k, best), (best, k)) if is_refuted(*(models[n] for n in pair))]
+    refuted = tuple(Refuted(k, other, compare_losses(models[k].heldout_losses, models[other].heldout_losses,
+                                                     top.groups)[0], find_carriers(models[k], models[other]))
+                    for k, other in pairs)
+    unclear = [k for k in alike if not any(k in pair for pair in pairs)]
     return Comparisons(models, names, best, alike, say(
         "verdict.best_model", name=names[best], error=top.heldout_nrmse, noise=top.noise_nrmse,
-        others=[(names[k], models[k].heldout_nrmse) for k in others], alike=[names[k] for k in alike], good=good))
+        others=[(names[k], models[k].heldout_nrmse) for k in others], alike=[names[k] for k in unclear],
+        refuted=[{"name": names[one.model], "other": names[one.other], "records": list(one.records)}
+                 for one in refuted], good=good, count=len(models)), refuted)
+
+
+def is_refuted(model: Comparison, other: Comparison) -> bool:
+    """Whether the data reject a model beside another one that they do not reject."""
+    return model.lack_of_fit.rejected and not other.lack_of_fit.rejected and DEFAULT.is_beaten(
+        *compare_losses(model.heldout_losses, other.heldout_losses, model.groups))
+
+
+def find_carriers(model: Comparison, other: Comparison) -> tuple[str, ...]:
+    """The fewest records that hold more than half of what a model's cross-validated error exceeds another's by."""
+    gain = np.abs(model.heldout_squares - other.heldout_squares)
+    order = np.argsort(-gain, kind="stable")
+    count = int(np.searchsorted(np.cumsum(gain[order]), 0.5 * gain.sum(), side="right")) + 1
+    return tuple(str(model.records["record"].iloc[k]) for k in order[:count])
 
 
 def _split(traces: Sequence[Trace]) -> dict[str, list[Trace]]:

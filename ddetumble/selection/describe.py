@@ -79,7 +79,7 @@ def describe_step(selection: SelectionProblem, grown: FittedStep, before: Fitted
     predicted = selection.predict(fitted)
     return Step(
         added=added, effects=fitted.effects,
-        chi2_reduced=solution.chi2 / max(selection.samples - len(names), 1.0), nrmse=nrmse(traces),
+        chi2_reduced=selection.reduce_chi2(solution), nrmse=nrmse(traces),
         heldout_nrmse=selection.cross_validate(fitted), alternatives=alternatives,
         lack_of_fit=grown.lack, parameters=public_estimates(selection, solution),
         correlations=tuple(correlations), traces=traces, converged=solution.converged, shifts=shifts,

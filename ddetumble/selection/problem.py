@@ -245,6 +245,12 @@ class SelectionProblem:
         found = predict_left_out(problem, fitted.solution, self.groups, self.settings.early, adjust)
         return PredictionError(split_error(problem.records, found.channels, found.used), found.coverage)
 
+    def reduce_chi2(self, solution: Solution) -> float:
+        """Chi-square of a fit per degree of freedom, counted as by `fit`: a prior is one more value."""
+        names = solution.names
+        degrees = self.samples + sum(name in names for name in self.problem.priors) - len(names)
+        return float(solution.chi2) / max(degrees, 1.0)
+
     def cross_validate(self, fitted: Fitted) -> float:
         """Cross-validated error of a model, rms over rms signal: the same for steps and candidates."""
         return self.predict(fitted, adjust=True).nrmse

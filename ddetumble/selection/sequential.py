@@ -32,10 +32,12 @@ class Sequential:
 
     def __str__(self) -> str:
         """The evidence in one sentence."""
-        alarm, last = self.find_alarm(), float(self.e_values[-1])
-        return ("Looked at after every record, the evidence against the model (e-value) is "
-                + ("above a million" if last > 1e6 else f"{last:.2g}")
-                + (f"; it passed 20 at record {alarm}." if alarm else "; 20 would count at any time."))
+        alarm, last, passed = self.find_alarm(), float(self.e_values[-1]), "20 would count at any time"
+        if alarm is not None:
+            number = self.records.index(alarm) + 1
+            passed = f"it passed 20 after {number} of {len(self.records)} records, at {alarm}"
+        return ("Looked at after every record, in the order of the campaign, the evidence against the model (e-value) "
+                f"is {'above a million' if last > 1e6 else f'{last:.2g}'}; {passed}.")
 
     def find_alarm(self, level: float = 0.05) -> str | None:
         """Record at which the evidence first passes one over `level`; None where it never does."""

@@ -108,7 +108,7 @@ def align(header: Sequence[str], rows: Sequence[Sequence[str]], sides: str) -> s
 
 
 def format_steps(steps: Sequence[Step], model: str, noise: float) -> str:
-    """One row a model of the loop: errors, noise floor, lack of fit."""
+    """One row a model of the loop: errors, noise floor, lack of fit; and of several under which noise they are."""
     rows = []
     for number, step in enumerate(steps):
         fit = step.lack_of_fit
@@ -117,7 +117,10 @@ def format_steps(steps: Sequence[Step], model: str, noise: float) -> str:
         rows.append((q.name_step(steps, number, model), q.format_number(step.chi2_reduced), *errors, misfit,
                      "" if step.converged else "not converged"))
     header = ("model", "chi2/dof", "nrmse", "cross-val.", "predicted", "noise", "misfit left", "")
-    return align(header, rows, "lrrrrrll") if rows else ""
+    shown = align(header, rows, "lrrrrrll") if rows else ""
+    if len(rows) > 1:
+        shown += "\nAll models are fitted, and their chi2/dof counted, under the noise measured beside the last one."
+    return shown
 
 
 def format_candidates(candidates: Sequence[Candidate], steps: Sequence[Step], effects: Sequence[str]) -> str:
