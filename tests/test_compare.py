@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ddetumble._errors import InputError
+from ddetumble._errors import ComputationError, InputError
 from ddetumble._settings import find_data
 from ddetumble.cli import main
-from ddetumble.contact.law import Ball
+from ddetumble.contact.law import AbstractDamped, AbstractReference, Ball
 from ddetumble.effects.impact import ArmServo, WallStiffness
 from ddetumble.exam.simulators.campaigns import write_package
 from ddetumble.exam.simulators.impact_campaigns import make_campaign
@@ -24,7 +24,7 @@ from ddetumble.inference.problem import Problem
 from ddetumble.inference.stack import default_noise, stack_records
 from ddetumble.measurement.package import read_campaign
 from ddetumble.selection import localise
-from ddetumble.selection.compare import Refuted, bin_residuals, compare, conclude
+from ddetumble.selection.compare import Beaten, bin_residuals, compare, conclude
 from ddetumble.selection.result import Place, Trace
 from ddetumble.selection.series import nrmse, nrmse_by_channel
 from ddetumble.selection.settings import DEFAULT
@@ -106,19 +106,21 @@ SAME = 1e-5 * np.ones(6)
 FEW = SAME + [0.0, 4e-4, 0.0, 4.5e-4, 1e-4, 0.0]  # two conditions make the error three times as large
 
 
-@pytest.mark.parametrize(("lacking", "deviance", "refuted", "alike"), [
-    (True, 2000.0, (Refuted(0, 1, 2000.0, ("r3", "r1")),), []),  # a misfit that a few records hold
-    (True, 5.0, (), ["a"]),  # no more than chance
-    (False, 2000.0, (), ["a"]),  # and no lack of fit
-])
-def test_which_model_the_data_reject(lacking, deviance, refuted, alike):
-    """Errors within two standard errors leave two models open, unless the data reject one of them and not the other."""
-    wrong = compared(FEW, 100.0 + np.array([0.0, 0.4, 0.0, 0.6, 0.0, 0.0]) * deviance, lacking)
-    right = compared(SAME, 100.0 * np.ones(6), False)
+@pytest.mark.parametrize(("lacking", "deviance", "beaten", "alike"), [
+    ((True, False), 2000.0, (Beaten(0, 1, True, 2000.0, ("r3", "r1")),), []),  # a misfit that a few records hold
+    ((True, True), 2000.0, (Beaten(0, 1, False, 2000.0, ("r3", "r1")),), []),  # where the other one fails too
+    ((True, False), 5.0, (), ["a"]),  # no more than chance
+    ((False, False), 2000.0, (), ["a"]),  # and no lack of fit
+])  # fmt: skip
+def test_which_model_the_data_reject(lacking, deviance, beaten, alike):
+    """Errors within two standard errors leave two models open, unless one has a misfit that the other has not."""
+    wrong = compared(FEW, 100.0 + np.array([0.0, 0.4, 0.0, 0.6, 0.0, 0.0]) * deviance, lacking[0])
+    right = compared(SAME, 100.0 * np.ones(6), lacking[1])
     found = conclude((wrong, right), ("a", "b"))
-    assert (found.best, found.alike, found.refuted) == (1, (0,), refuted)
+    assert (found.best, found.alike, found.beaten) == (1, (0,), beaten)
     assert found.sentence.facts["alike"] == alike
-    assert [one["records"] for one in found.sentence.facts["refuted"]] == [list(one.records) for one in refuted]
+    told = [(one["refuted"], one["records"]) for one in found.sentence.facts["beaten"]]
+    assert told == [(one.refuted, list(one.records)) for one in beaten]
 
 
 def test_a_model_may_cross_validate_best_and_be_rejected():
@@ -127,7 +129,47 @@ def test_a_model_may_cross_validate_best_and_be_rejected():
     far = compared(SAME + 1e-3, 900.0 * np.ones(6), True)
     found = conclude((right, wrong, far), ("right", "wrong", "far"))
     assert (found.best, found.alike) == (1, (0,))
-    assert [(one.model, one.other) for one in found.refuted] == [(1, 0)]
+    assert [(one.model, one.other, one.refuted) for one in found.beaten] == [(1, 0, True)]
+
+
+def test_a_model_that_fails_stops_no_other(monkeypatch):
+    """Of several; alone it is an error, and so are several that all fail."""
+    def work(campaign, model, name, refit):
+        if model == "matunaga":
+            raise ComputationError("it went to infinity")
+        return compared(SAME, np.ones(6), False)
+
+    monkeypatch.setattr("ddetumble.selection.compare._compare_one", work)
+    campaign = read_campaign(find_data() / "impact-b")
+    found = compare(campaign, "paper", "matunaga", Ball() + WallStiffness())
+    assert found.names == ("paper", "paper + wall-stiffness") and [*found.failed] == ["matunaga"]
+    for models in (("matunaga",), ("matunaga", "matunaga")):
+        with pytest.raises(ComputationError, match="infinity"):
+            compare(campaign, *models)
+
+
+class Halfway(AbstractReference):
+    """A model of which only the force is there."""
+
+    def elastic(self, contact):
+        return contact.depression
+
+
+class Spring(AbstractDamped):
+    """All that a model of one's own needs."""
+
+    def elastic(self, contact):
+        return 1e4 * contact.depression
+
+
+def test_models_of_ones_own():
+    """A class with a force alone is a model if it derives from a damped one; else the error names what is missing."""
+    assert resolve_model(Spring).reference.provides == ("damping",)
+    with pytest.raises(InputError, match="lacks damping, inertia, provides and rebound"):
+        resolve_model(Halfway)
+    with pytest.raises(InputError, match="a SimpleNamespace is not a model.*of the model paper") as told:
+        resolve_model(SimpleNamespace(model="paper", traces=list(range(1000))))
+    assert len(str(told.value)) < 200
 
 
 def test_refused(tmp_path):

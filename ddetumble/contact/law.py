@@ -33,12 +33,10 @@ class AbstractReference(AbstractModel):
     """A reference model: elastic force from depression and conditions; effects extend it.
 
     They may require of it what it `provides`: `gas`, `geometry`, `damping`. One without gas needs no diameter and no
-    shape of its own.
+    shape of its own; `AbstractDamped` has mass, restitution and damping, and needs `elastic` alone.
 
     Attributes:
-        name: public name.
         provides: what effects may require: `gas`, `geometry`, `damping`.
-        text: one sentence that says which equations it is.
     """
 
     family: ClassVar[str] = "impact"
@@ -53,7 +51,11 @@ class AbstractReference(AbstractModel):
         return jnp.zeros(())
 
     def shape(self, depression: Array, diameter: Array, increment) -> tuple[Array, Array]:
-        """Contact radius [m] and volume ratio V0/V' [-]; `increment(b)` is what geometry effects add to b."""
+        """Contact radius b [m] and volume ratio V0/V' [-] at a depression.
+
+        `increment(b)` is what geometry effects add to the radius: 0 without any. A model that `provides` geometry adds
+        it before it computes the volume.
+        """
         return jnp.zeros_like(depression), jnp.ones_like(depression)
 
     @abc.abstractmethod
@@ -76,6 +78,7 @@ class AbstractReference(AbstractModel):
 class AbstractDamped(AbstractReference):
     """A reference model with a mass and a coefficient of restitution, which Hunt-Crossley damping realises exactly."""
 
+    provides: ClassVar[tuple[str, ...]] = ("damping",)
     effective_mass: Scalar = parameter("kg", 1.2, kind="reference", typical=1.0, coordinate="log",
                                        bounds=(0.0, jnp.inf), text="effective mass along the normal",
                                        limits=(1e-3, 1e5), limits_reason="from a drop test with one gram to a "
@@ -172,7 +175,6 @@ class PowerLaw(AbstractDamped):
         limits_reason="thickness of a pad or plate to the power -3 in bending, +3 at most")
     condition: str = eqx.field(static=True, default="")
     condition_reference: float = eqx.field(static=True, default=1.0)
-    provides: ClassVar[tuple[str, ...]] = ("damping",)
 
     def elastic(self, contact: Contact) -> Scalar:
         """F_k of the power law [N]."""

@@ -19,7 +19,16 @@ from ..families import DEFAULT_FAMILY, find_family, name_family
 from ..measurement.campaign import Campaign, Uncertainty
 from ..measurement.kinds import take_kind, write_kind
 from .files import hash_file, list_versions, make_plain, read_json, write_json
-from .models import ResolvedModel, find_model, is_fitted, is_model, list_known, resolve_effect, wrap_model
+from .models import (
+    ResolvedModel,
+    find_model,
+    is_fitted,
+    is_model,
+    list_known,
+    require_complete,
+    resolve_effect,
+    wrap_model,
+)
 from .noise import Noise
 from .parameters import Common, ParameterSpace
 from .problem import Solution
@@ -361,8 +370,13 @@ def resolve_model(model: Model, family: str = DEFAULT_FAMILY) -> ResolvedModel:
     """
     if is_model(model):
         return wrap_model(model)
+    require_complete(model)
     if not isinstance(model, (str, Path, FittedModel, AbstractFitted)):
-        raise InputError(f"{model!r} is not a model: give a name, a folder, a model like Ball(), or a fit", key="model")
+        what = f"the class {model.__name__}" if isinstance(model, type) else f"a {type(model).__name__}"
+        of = getattr(model, "model", None)  # of a comparison, say
+        raise InputError(f"{what} is not a model: give a name, a folder, a model like Ball(), or what fit or discover "
+                         "returned" + (f"; it is of the model {of}, which can be fitted" if isinstance(of, str) else
+                                       ""), key="model")
     if isinstance(model, (str, Path)) and not is_fitted(str(model)):
         return find_model(str(model), family)
     saved = take_fitted(model)

@@ -2,7 +2,6 @@
 
 import dataclasses as dc
 import difflib
-import inspect
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -25,6 +24,7 @@ from ..contact.sliding import AdhesionHysteresis, CoulombFriction, RubberFrictio
 from ..contact.torque import RigidBody
 from ..effects import CATALOGUE
 from ..families import DEFAULT_FAMILY, find_family, list_families
+from ..measurement.quantities import join_words
 
 
 USUAL = "paper"  # the model where none is named: of a family without one of this name, its first
@@ -60,8 +60,26 @@ def is_fitted(name: str) -> bool:
 def is_model(value: Any) -> TypeGuard[AbstractModel | type[AbstractModel] | AbstractLaw]:
     """Whether it is a reference model, extended or not, or a class of such."""
     if isinstance(value, type):
-        return issubclass(value, AbstractModel) and not inspect.isabstract(value)
+        return issubclass(value, AbstractModel) and not list_abstract(value)
     return isinstance(value, (AbstractModel, AbstractLaw))
+
+
+def list_abstract(kind: type) -> list[str]:
+    """Names of methods and attributes that a class of models still has to define."""
+    return sorted({name for kept in ("__abstractmethods__", "__abstractvars__", "__abstractclassvars__")
+                   for name in getattr(kind, kept, ())})
+
+
+def require_complete(value: Any) -> None:
+    """Refuse a class of models that does not define all that one needs.
+
+    Raises:
+        InputError: It is such a class.
+    """
+    if isinstance(value, type) and issubclass(value, AbstractModel) and list_abstract(value):
+        raise InputError(f"the class {value.__name__} lacks {join_words(list_abstract(value))}: define what is "
+                         "missing, or derive it from a class that has it (of impacts dd.contact.AbstractDamped, which needs "
+                         "`elastic` alone)", key="model")
 
 
 def find_model(name: str, family: str = DEFAULT_FAMILY) -> ResolvedModel:
@@ -198,6 +216,7 @@ def _import_model(name: str, path: Path, attribute: str) -> ResolvedModel:
         offer = f"; it defines {', '.join(here)}" if here else ""
         raise InputError(f"there is no {attribute!r} in the file{offer}", file=path)
     found = module.__dict__[attribute]
+    require_complete(found)
     if not is_model(found):
         raise InputError(f"{attribute} is not a reference model: it must be a subclass of ddetumble's "
                          "AbstractReference, an instance of one, or a ContactLaw", file=path)

@@ -86,11 +86,12 @@ def report_comparison(found: Comparison | Comparisons, folder) -> Path:
         labels = [(name, each.free) for name, each in zip(found.names, found, strict=True)]
         floors = [each.noise_nrmse for each in found]
         sections = [show_errors(labels, found.models, floors, found.names)]
-        if not values:
+        if not values and len(found) > 1:
             sections.append(_show_signatures(found))
         what, where = f"{len(found)} models", found[0].where
+    sentence = found.sentence if isinstance(found, Comparison) else " ".join([found.sentence, *found.failures])
     return write_comparison(
-        found.sentence, shown, folder, title=f"{one.campaign} and {what}", noise=one.noise, where=where,
+        sentence, shown, folder, title=f"{one.campaign} and {what}", noise=one.noise, where=where,
         status=(one.campaign, f"{len(one.records)} records"), first=sections, sections=[tabulate_errors(one)])
 
 

@@ -10,7 +10,9 @@ import numpy as np
 import pandas as pd
 
 from .._display import AbstractPrinted, Progress
+from .._errors import ComputationError, InputError
 from .._sentences import Sentence, say
+from .._user_files import split_name
 from ..contact.effect import is_absent
 from ..families import Family, View, find_family, name_family, open_campaign
 from ..inference.archive import FittedModel, Model, resolve_model, take_fitted
@@ -154,15 +156,16 @@ class Comparison(_Written):
 
 
 @dc.dataclass(frozen=True)
-class Refuted:
-    """A model that the data reject beside another, although the cross-validated errors are within two standard errors.
+class Beaten:
+    """A model that fits worse than another beyond chance, with cross-validated errors within two standard errors.
 
-    It shows significant lack of fit and the other none, and its cross-validated deviance is larger by more than chance,
-    as `discover` judges it.
+    It shows significant lack of fit, and its cross-validated deviance is larger by more than chance, as `discover`
+    judges it.
     """
 
-    model: int  # number of the rejected one
-    other: int  # and of the one that is not
+    model: int  # number of the worse one
+    other: int  # and of the better one
+    refuted: bool  # whether the better one shows no lack of fit: then the data reject the worse one alone
     difference: float  # of their cross-validated deviances, in noise variances
     records: tuple[str, ...]  # the fewest that hold most of the difference of the errors, the largest first
 
@@ -177,7 +180,8 @@ class Comparisons(Sequence[Comparison], _Written):
         best: number of the one with the smallest cross-validated error; None where that is not known.
         alike: numbers of those whose cross-validated error is not larger than its by two standard errors of the paired
             difference over conditions.
-        refuted: those of these and the best that the data reject although their errors are so near.
+        beaten: those of these and the best that fit worse than another beyond chance, with errors so near.
+        failed: why a model could not be compared, by its name; these are not among `models`.
         sentence: the outcome in words.
     """
 
@@ -186,13 +190,19 @@ class Comparisons(Sequence[Comparison], _Written):
     best: int | None
     alike: tuple[int, ...]
     sentence: str
-    refuted: tuple["Refuted", ...] = ()
+    beaten: tuple[Beaten, ...] = ()
+    failed: Mapping[str, str] = dc.field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.models)
 
     def __getitem__(self, k):
         return self.models[k]
+
+    @property
+    def failures(self) -> list[str]:
+        """Which models could not be compared, and why, a sentence each."""
+        return [f"{name} could not be compared: {why.rstrip('.')}." for name, why in self.failed.items()]
 
     @property
     def table(self) -> pd.DataFrame:
@@ -214,7 +224,7 @@ class Comparisons(Sequence[Comparison], _Written):
         shown = shown.drop(columns=["rejected", "p_value", "converged"]).rename(columns={
             "chi2_reduced": "chi2/dof", "heldout_nrmse": "cross-validated", "prediction_nrmse": "predicted",
             "prediction_coverage": "coverage", "noise_nrmse": "noise"})
-        notes = dict.fromkeys(note for one in self.models for note in one.notes)
+        notes = dict.fromkeys([*self.failures, *(note for one in self.models for note in one.notes)])
         return "\n\n".join(["\n".join((self.sentence, *(f"- {note}" for note in notes))),
                             shown.to_string(index=False, float_format="{:.4g}".format),
                             "Each model is fitted, and its chi2/dof counted, under the noise measured from its own "
@@ -223,7 +233,8 @@ class Comparisons(Sequence[Comparison], _Written):
     def to_dict(self) -> dict[str, Any]:
         """Everything but the fitted series, as JSON can hold it."""
         return make_plain({"sentence": self.sentence, "names": self.names, "best": self.best, "alike": self.alike,
-                           "refuted": self.refuted, "models": [one.to_dict() for one in self.models]})
+                           "beaten": self.beaten, "failed": self.failed,
+                           "models": [one.to_dict() for one in self.models]})
 
 
 @overload
@@ -252,7 +263,8 @@ def compare(campaign, *models, refit=True, progress=None):
         progress: called with a sentence and the share done.
 
     Returns:
-        A `Comparison` of one model; of several `Comparisons`, with a table of their errors and one sentence.
+        A `Comparison` of one model; of several `Comparisons`, with a table of their errors and one sentence. One of
+        several that cannot be computed is left out, and `failed` says why.
 
     Raises:
         InputError: the campaign cannot be used.
@@ -261,22 +273,32 @@ def compare(campaign, *models, refit=True, progress=None):
     report = progress or (lambda text, share: None)
     campaign = open_campaign(campaign)
     find_family(name_family(campaign), "compare")
-    models = models or ("paper",)
-    found, names = [], []
-    for k, model in enumerate(models):
-        name = name_model(model, name_family(campaign))
-        report(f"comparing {name}", k / len(models))
-        found.append(_compare_one(campaign, model, name, refit))
-        names.append(name if names.count(name) == 0 else f"{name} ({k + 1})")
-    return found[0] if len(found) == 1 else conclude(tuple(found), tuple(names))
+    names = [name_model(model, name_family(campaign)) for model in models or ("paper",)]
+    names = [f"{name} ({k + 1})" if name in names[:k] else name for k, name in enumerate(names)]
+    found: dict[str, Comparison] = {}
+    failed: dict[str, Exception] = {}
+    for k, (name, model) in enumerate(zip(names, models or ("paper",), strict=True)):
+        report(f"comparing {name}", k / len(names))
+        try:
+            found[name] = _compare_one(campaign, model, name, refit)
+        except (InputError, ComputationError) as error:  # the others are compared all the same
+            failed[name] = error
+    if not found:
+        raise next(iter(failed.values()))
+    if len(names) == 1:
+        return found[names[0]]
+    return dc.replace(conclude(tuple(found.values()), tuple(found)),
+                      failed={name: str(error) for name, error in failed.items()})
 
 
 def name_model(model: Model, family: str) -> str:
     """A model in few words: name of its reference model or folder, and its effects."""
     resolved = resolve_model(model, family)
-    if isinstance(model, (str, Path)):
-        return Path(model).name if resolved.fitted else resolved.name
-    return " + ".join([resolved.name, *(e.id for e in resolved.effects)])
+    if isinstance(model, (str, Path)) and resolved.fitted:
+        return Path(model).name
+    own = split_name(resolved.name)  # one of the user's own, which is `FILE.py:NAME`
+    name = resolved.name if own is None else own[1]
+    return name if isinstance(model, (str, Path)) else " + ".join([name, *(e.id for e in resolved.effects)])
 
 
 def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Comparison:
@@ -370,21 +392,22 @@ def conclude(models: tuple[Comparison, ...], names: tuple[str, ...]) -> Comparis
     others, top = [k for k in known if k != best], models[best]
     differences = {k: compare_losses(models[k].heldout_squares, top.heldout_squares, top.groups) for k in others}
     alike = tuple(k for k, (difference, error) in differences.items() if difference < 2 * error)
-    pairs = [pair for k in alike for pair in ((k, best), (best, k)) if is_refuted(*(models[n] for n in pair))]
-    refuted = tuple(Refuted(k, other, compare_losses(models[k].heldout_losses, models[other].heldout_losses,
-                                                     top.groups)[0], find_carriers(models[k], models[other]))
-                    for k, other in pairs)
+    pairs = [pair for k in alike for pair in ((k, best), (best, k)) if is_beaten(*(models[n] for n in pair))]
+    beaten = tuple(Beaten(
+        k, other, not models[other].lack_of_fit.rejected,
+        compare_losses(models[k].heldout_losses, models[other].heldout_losses, top.groups)[0],
+        find_carriers(models[k], models[other])) for k, other in pairs)
     unclear = [k for k in alike if not any(k in pair for pair in pairs)]
     return Comparisons(models, names, best, alike, say(
         "verdict.best_model", name=names[best], error=top.heldout_nrmse, noise=top.noise_nrmse,
         others=[(names[k], models[k].heldout_nrmse) for k in others], alike=[names[k] for k in unclear],
-        refuted=[{"name": names[one.model], "other": names[one.other], "records": list(one.records)}
-                 for one in refuted], good=good, count=len(models)), refuted)
+        beaten=[{"name": names[one.model], "other": names[one.other], "refuted": one.refuted,
+                 "records": list(one.records)} for one in beaten], good=good, count=len(models)), beaten)
 
 
-def is_refuted(model: Comparison, other: Comparison) -> bool:
-    """Whether the data reject a model beside another one that they do not reject."""
-    return model.lack_of_fit.rejected and not other.lack_of_fit.rejected and DEFAULT.is_beaten(
+def is_beaten(model: Comparison, other: Comparison) -> bool:
+    """Whether a model with significant lack of fit fits worse than another beyond chance."""
+    return model.lack_of_fit.rejected and DEFAULT.is_beaten(
         *compare_losses(model.heldout_losses, other.heldout_losses, model.groups))
 
 
