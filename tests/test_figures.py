@@ -25,6 +25,13 @@ LONG = "with pressure-dependent-restitution, speed-dependent-restitution, viscoe
 SLACK = 1.5  # px by which a glyph may stand over its box
 
 
+def test_traces_of_a_comparison_are_no_chains():
+    """What draws them is named; and so is the form in which it takes them."""
+    for draw in (figures.draw_traces, figures.draw_fit):
+        with pytest.raises(TypeError, match="{name: comparison.traces}"):
+            draw(make_pulses(2))
+
+
 def make_pulses(count=24):
     """Force pulses at four pressures and three speeds, records named as a laboratory names its files."""
     traces, generator = [], np.random.default_rng(1)

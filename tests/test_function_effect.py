@@ -2,11 +2,12 @@
 
 from typing import ClassVar, final
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ddetumble import Ball, check_effect, compare, effect, find_data, fit, read_campaign
+from ddetumble import Ball, check_effect, compare, discover, effect, find_data, fit, read_campaign
 from ddetumble._numerics import positive_part
 from ddetumble.contact.effect import AbstractElasticEffect, Contact, Scalar, family_of, parameters_of, stage_of
 from ddetumble.contact.function_effect import STAGES
@@ -96,6 +97,31 @@ def test_other_functions_are_refused(law, parameters):
     """No parameter, a plain number for one, another state, another name."""
     with pytest.raises(TypeError):
         effect("elastic", **parameters)(law)
+
+
+def test_what_is_no_effect_is_refused():
+    """A bare function by the model, fit and discover, which say what makes it one; or an instance."""
+    def bare(contact, k=1.0):
+        return k
+
+    with pytest.raises(TypeError, match="@dd.effect"):
+        Ball() + bare
+    for verb in (fit, discover):
+        for one in (bare, end_stop()):
+            with pytest.raises(TypeError, match="@dd.effect|takes classes"):
+                verb("impact-f", effects=[one])
+    with pytest.raises(TypeError, match="`k=dd.effects.parameter"):
+        effect("elastic", stiffness=parameter("N"))(bare)
+
+
+def test_models_print_their_values():
+    """As they are made and added; choices only where they are unusual."""
+    assert repr(Ball(restitution=0.7, truncated=True) + end_stop(k=8e3)) == (
+        "Ball(effective_mass=1.2, restitution=0.7, outer_diameter=0.06, contact_radius_coefficient=0.7853982, "
+        "truncated=True) + end_stop(k=8000, depth=0.004)")
+    shown = []
+    jax.jit(lambda law: shown.append(repr(law)) or law.k)(end_stop())
+    assert shown[0].startswith("end_stop(k=")
 
 
 def test_an_unknown_stage_is_refused():

@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Self, cast, final
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from equinox import AbstractClassVar, AbstractVar
 from jaxtyping import Array
@@ -125,7 +126,10 @@ def parameter(
     limits_reason: str = "", starts: tuple[float, ...] = (), coordinate: str = "linear", free: bool = True,
     singular: bool = False, text: str = "",
 ) -> Any:
-    """Declare a scalar parameter of an effect or of a reference model; see `Parameter` for the arguments."""
+    """Declare a scalar parameter of an effect or of a reference model; `dd.effects.Parameter` explains the arguments.
+
+    A fit of the effect moves it, an amplitude as well as a shape, unless it is declared `free=False`.
+    """
     if kind not in ("amplitude", "shape", "reference"):
         raise ValueError(f"`parameter(kind=...)` must be 'amplitude', 'shape' or 'reference'; got {kind!r}.")
     if coordinate not in TRANSFORMS:
@@ -177,7 +181,22 @@ def parts_of(model: Any) -> tuple[Any, ...]:
     return (model, *(p for part in parts if isinstance(part, AbstractModel) for p in parts_of(part)))
 
 
-class AbstractEffect(eqx.Module):
+class Shown(eqx.Module):
+    """A module that prints its values: `Adhesion(tau_a=8.6e+04)`."""
+
+    def __repr__(self) -> str:
+        shown = []
+        for field in dc.fields(self):
+            value = getattr(self, field.name)
+            if "parameter" in field.metadata:
+                known = not isinstance(value, jax.core.Tracer) and jnp.ndim(value) == 0
+                shown.append(f"{field.name}={f'{float(value):.7g}' if known else eqx.tree_pformat(value)}")
+            elif isinstance(value, Shown) or value != field.default:  # choices that are the usual ones are left out
+                shown.append(f"{field.name}={value!r}")
+        return f"{type(self).__name__}({', '.join(shown)})"
+
+
+class AbstractEffect(Shown):
     """Base of all effects.
 
     Attributes:
@@ -205,7 +224,7 @@ class AbstractEffect(eqx.Module):
     costly: ClassVar[bool] = False
 
 
-class AbstractModel(eqx.Module):
+class AbstractModel(Shown):
     """Base of all reference models.
 
     Attributes:
@@ -231,7 +250,7 @@ class AbstractModel(eqx.Module):
         return self.extend(()) + effect
 
 
-class AbstractLaw(eqx.Module):
+class AbstractLaw(Shown):
     """Base of all laws: a reference model and the effects that extend it.
 
     Attributes:
@@ -241,6 +260,9 @@ class AbstractLaw(eqx.Module):
 
     reference: AbstractVar[AbstractModel]
     effects: AbstractVar[tuple[AbstractEffect, ...]]
+
+    def __repr__(self) -> str:
+        return " + ".join(map(repr, (self.reference, *self.effects)))
 
     def pick(self, stage: str) -> list[Any]:
         """Effects that act at a stage, in their order."""
@@ -252,13 +274,32 @@ class AbstractLaw(eqx.Module):
         Raises:
             TypeError: It is no effect, or the law has one of this id already.
         """
-        if isinstance(effect, type) and issubclass(effect, AbstractEffect):
+        require_effect(effect)
+        if isinstance(effect, type):
             effect = cast(Callable[[], AbstractEffect], effect)()
-        if not isinstance(effect, AbstractEffect):
-            raise TypeError(f"a model is extended by effects; {effect!r} is not an effect")
         if effect.id in [own.id for own in self.effects]:
             raise TypeError(f"the model already has the effect {effect.id!r}")
         return dc.replace(self, effects=(*self.effects, effect))
+
+
+def require_effect(value: Any, instances: bool = True) -> None:
+    """Refuse what is no effect: neither a class of such nor, with `instances`, one of its instances.
+
+    Raises:
+        TypeError: It is none.
+    """
+    if isinstance(value, type) and issubclass(value, AbstractEffect):
+        return
+    if isinstance(value, AbstractEffect):
+        if not instances:
+            raise TypeError(f"`effects` takes classes: give {type(value).__name__}, or extend the model by the "
+                            f"instance, model + {value!r}")
+        return
+    name = getattr(value, "__name__", None)
+    if callable(value) and name:
+        raise TypeError(f"{name} is not an effect: make a function one by `@dd.effect(stage, ...)` above it, and "
+                        "derive a class from one of those in dd.effects")
+    raise TypeError(f"a model is extended by effects, such as dd.effects.Adhesion(); a {type(value).__name__} is none")
 
 
 def is_scored(parameter: Parameter) -> bool:

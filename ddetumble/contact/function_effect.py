@@ -80,7 +80,11 @@ def declare_function(function: Callable[..., Any], stage: str, parameters: Mappi
         raise TypeError(f"`{strange[0]}` of `{name}` must be declared by `parameter(unit, ...)`.")
     if not parameters or len(given) != len(state) + len(parameters) or set(given[len(state):]) != set(parameters):
         wanted = ", ".join([*state, *(parameters or ["at least one parameter"])])
-        raise TypeError(f"`{name}` must take ({wanted}) to act at the stage {stage!r}; it takes ({', '.join(given)}).")
+        further = [key for key in given[len(state):] if key not in parameters]
+        raise TypeError(f"`{name}` must take ({wanted}) to act at the stage {stage!r}; it takes ({', '.join(given)})."
+                        + (f" Declare each parameter in the decorator, such as `{further[0]}=dd.effects.parameter("
+                           "unit, ...)`; a default in the function declares none, and a constant belongs outside of it."
+                           if further else ""))
 
     def act(self, *values):
         return function(*values, **{key: getattr(self, key) for key in parameters})

@@ -12,6 +12,7 @@ from ..contact.effect import AbstractSizeEffect as AbstractSizeEffect
 from ..contact.effect import AbstractStatefulEffect as AbstractStatefulEffect
 from ..contact.effect import AbstractStiffnessEffect as AbstractStiffnessEffect
 from ..contact.effect import AbstractSurfaceForce as AbstractSurfaceForce
+from ..contact.effect import Parameter as Parameter
 from ..contact.effect import family_of
 from ..contact.effect import parameter as parameter
 from ..contact.effect import parameters_of as parameters_of

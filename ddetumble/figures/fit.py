@@ -52,7 +52,13 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str | None = None, 
 
     Args:
         count: how many records at most.
+
+    Raises:
+        TypeError: The models are not given by name.
     """
+    if not isinstance(models, Mapping):
+        raise TypeError(f"draw_fit takes the traces of each model by its name, {{name: comparison.traces}}, not a "
+                        f"{type(models).__name__}")
     view = choose_view(next(iter(models.values())))
     channel = channel or view.force
     traces = {name: {trace.record: trace for trace in pick_channel(all_, channel)} for name, all_ in models.items()}

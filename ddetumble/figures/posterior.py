@@ -96,7 +96,13 @@ def draw_traces(posterior: Posterior, count: int = 600):
     """The way of every parameter through the steps: mean of each ensemble's walkers, and the range of 90 % of them.
 
     At most `count` steps are drawn.
+
+    Raises:
+        TypeError: It is no posterior.
     """
+    if not isinstance(posterior, Posterior):
+        raise TypeError(f"draw_traces draws the chains of what dd.sample returned, not a {type(posterior).__name__}; "
+                        "the traces of a comparison are drawn by dd.figures.draw_fit({name: comparison.traces})")
     ensembles, steps, walkers, _ = posterior.x.shape
     every = max(1, steps // count)
     values = posterior.target.publish(posterior.x[:, ::every])

@@ -9,7 +9,7 @@ import numpy as np
 
 from .._display import Progress
 from .._errors import ComputationError, InputError
-from ..contact.effect import AbstractEffect, is_absent, parameters_of
+from ..contact.effect import AbstractEffect, is_absent, parameters_of, require_effect
 from ..families import find_family, name_family, open_campaign
 from ..measurement.campaign import Campaign
 from ..measurement.faults import STAYING, screen_samples
@@ -75,6 +75,9 @@ def fit(campaign: Campaign | str | Path, model: Model = "paper", effects: Sequen
             raise InputError(error.problem, file=path, key=error.key) from None
     campaign = open_campaign(campaign)
     freed = dict(free) if isinstance(free, Mapping) else {name: True for name in free or ()}
+    for effect in effects:
+        if not isinstance(effect, str):
+            require_effect(effect, instances=False)
     ids = [e if isinstance(e, str) else e.id for e in effects]
     find_family(name_family(campaign), "fit")
     resolved = resolve_model(model, name_family(campaign))

@@ -278,7 +278,8 @@ def _format_remedy(remedy: Remedy, blend: Blend) -> str:
     else:
         unit, factor = ("MPa", 1e-6) if remedy.setting.endswith("pressure") else (si_unit(remedy.setting), 1.0)
         values, name = [f"{factor * value:.2g}" for value in remedy.values], remedy.setting.replace("_", " ")
-        what = f"as many records again, {'half ' if len(values) > 1 else ''}at a {name} of {values[0]} {unit}"
+        article = "an" if name[0] in "aeiou" else "a"
+        what = f"as many records again, {'half ' if len(values) > 1 else ''}at {article} {name} of {values[0]} {unit}"
         what += f" and half at {values[1]} {unit}," if len(values) > 1 else ","
     times = f"{remedy.gain:.1f}" if remedy.gain < 10 else "more than ten"
     return f"{what} would " + ("distinguish them" if blend.singular else

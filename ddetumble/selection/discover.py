@@ -12,7 +12,7 @@ import numpy as np
 from .._display import Progress
 from .._errors import ComputationError, InputError
 from .._settings import forget_programs
-from ..contact.effect import AbstractEffect, list_choices, parts_of
+from ..contact.effect import AbstractEffect, list_choices, parts_of, require_effect
 from ..families import find_family, name_family, open_campaign
 from ..inference.archive import Model, resolve_model
 from ..inference.models import ResolvedModel
@@ -66,6 +66,8 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     """
     began = time.perf_counter()
     report = progress or (lambda text, share: None)
+    for effect in effects:
+        require_effect(effect, instances=False)
     campaign = open_campaign(campaign)
     catalogue = find_family(name_family(campaign), "discover").catalogue
     asked = resolve_model(model, name_family(campaign))

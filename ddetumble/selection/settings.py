@@ -49,7 +49,7 @@ class BaselineSettings:
     samples: int = 3  # before first touch that tell a baseline
 
 
-@dc.dataclass(frozen=True)
+@dc.dataclass(frozen=True, repr=False)
 class SelectionSettings:
     """What decides a verdict of `discover`.
 
@@ -145,6 +145,11 @@ class SelectionSettings:
     screening: ScreeningSettings = ScreeningSettings()
     outliers: OutlierSettings = OutlierSettings()
     baseline: BaselineSettings = BaselineSettings()
+
+    def __repr__(self) -> str:
+        """What differs from the defaults."""
+        own = [f"{f.name}={getattr(self, f.name)!r}" for f in dc.fields(self) if getattr(self, f.name) != f.default]
+        return f"SelectionSettings({', '.join(own)})"
 
     @property
     def level_each(self) -> float:
