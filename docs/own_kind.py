@@ -21,10 +21,8 @@ import numpy as np
 from jaxtyping import Array
 
 from ddetumble.contact.effect import AbstractEffect, AbstractLaw, AbstractModel, Scalar, parameter
-from ddetumble.effects.free import Ground, act_on, make_terms
-from ddetumble.families import Family, Observation, PlannedTests, Span, View
-from ddetumble.measurement.kinds import RecordKind
-from ddetumble.reference_models import BuiltinModel
+from ddetumble.effects.free import act_on, make_terms
+from ddetumble.families import BuiltinModel, Family, Ground, Observation, PlannedTests, RecordKind, Span, View
 
 
 GRAVITY, AMBIENT = 9.81, 101325.0  # m/s^2, Pa

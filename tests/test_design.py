@@ -119,6 +119,15 @@ def posed(rivals):
     return preview_test(models, limits, list_extras(models[0]))
 
 
+def test_limits_in_numbers(rivals):
+    """By condition a value, or the lower and the upper one, in SI; as in the text with its unit."""
+    saved = load(rivals)
+    texts = set_limits(saved, ["load=5..20 N", "slip_speed=100 mm/s"])
+    assert set_limits(saved, {"normal_load": (5, 20.0), "slip_speed": 0.1}) == texts
+    with pytest.raises(InputError, match="lower value first"):
+        set_limits(saved, {"normal_load": (20.0, 5.0)})
+
+
 @pytest.mark.slow
 def test_gradient(posed):
     """The gradient of the separation by the envelope theorem is that of differences of refitted distances."""

@@ -184,6 +184,14 @@ def test_lists(capsys):
     assert main(["effects", "--family", FAMILY]) == 0 and "wall-dashpot" in capsys.readouterr().out
 
 
+def test_its_effects_have_no_trial_records():
+    """`check_effect` says so, and calls nothing in them broken."""
+    from docs.own_kind import WallSpring
+
+    (only,) = dd.check_effect(WallSpring).checks
+    assert only.name == "complete" and "none of drop" in only.sentence
+
+
 @pytest.mark.parametrize("family", [f"{FILE}:NOTHING", f"{FILE}:KIND", "nowhere.py:DROP", "moon"])
 def test_what_is_no_kind_is_refused(raw, family):
     with pytest.raises(dd.InputError):

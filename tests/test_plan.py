@@ -35,7 +35,7 @@ from ddetumble.planning.problem import (
     read_design,
     span_plane,
 )
-from ddetumble.planning.scenario import mount_law, pose_laws, pose_problem, read_scenario
+from ddetumble.planning.scenario import find_scenario, mount_law, pose_laws, pose_problem, read_scenario
 from ddetumble.planning.sequence import (
     Sequence,
     bound_impacts,
@@ -592,6 +592,22 @@ def test_every_design_that_approaches_is_integrated():
         x[3:5] *= 0.1
         if x[2] > 0.0:
             assert np.isfinite(evaluate(problem, jnp.asarray(k % 3), jnp.asarray(x))).all(), (k, x)
+
+
+def test_shipped_scenarios_go_by_their_names(tmp_path, monkeypatch):
+    """Unless a file of that name is here; a folder of results hides none."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "flat-spin").mkdir()
+    for name in ("flat-spin", "flat-spin.toml"):
+        assert find_scenario(name) == find_data() / "scenarios" / "flat-spin.toml"
+    (tmp_path / "flat-spin.toml").touch()
+    assert find_scenario("flat-spin.toml") == Path("flat-spin.toml")
+
+
+def test_a_model_is_no_scenario():
+    """The sentence says what is."""
+    with pytest.raises(InputError, match="StrikeProblem.*not a Ball"):
+        dd.plan(Ball())
 
 
 def test_missing_scenario_is_refused(tmp_path):

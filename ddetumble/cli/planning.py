@@ -6,7 +6,6 @@ from typing import Annotated
 import typer
 
 from .._errors import InputError
-from .._settings import find_data
 from .options import Model, Overwrite, Texts, command, option, place
 from .places import locate_campaign, locate_fit, open_folder, open_optional
 from .progress import show_progress
@@ -102,14 +101,12 @@ def plan_impacts(
     overwrite: Overwrite = False,
 ):
     """Plan where, how fast, how hard and when to strike tumbling debris to reduce its angular momentum."""
-    shipped = find_data() / "scenarios" / scenario.name
-    path = scenario if scenario.exists() or scenario.parent.name or not shipped.is_file() else shipped
     from ..planning.plan import plan
     from ..reports.plan import write_plan
 
-    with (open_folder(output or Path(f"{path.stem}-plan"), "plan", overwrite) as out,
-          show_progress(f"planning {path.stem}") as report):
-        found = plan(path, progress=report)
+    with (open_folder(output or Path(f"{scenario.stem}-plan"), "plan", overwrite) as out,
+          show_progress(f"planning {scenario.stem}") as report):
+        found = plan(scenario, progress=report)
         write_plan(found, out.draft)
     typer.echo(str(found))
     typer.echo(f"Written to {out.path}")

@@ -193,8 +193,9 @@ class Rig(NamedTuple):
 
 _SERIES = {"sequence": (1.0, 4.0, 9.0)}
 _STRIKE = {"initial_pressure": (0.6e6, 1.1e6, 2.3e6), "approach_speed": (0.25, 0.5, 0.34), **_SERIES}
-_OBLIQUE = Rig(lambda: Striker(Ball(), CoulombFriction()), {**_STRIKE, "tangential_speed": (0.1, 0.3, 0.6)}, read_patch)
 RIGS = {
+    Striker.family: Rig(lambda: Striker(Ball(), CoulombFriction()),
+                        {**_STRIKE, "tangential_speed": (0.1, 0.3, 0.6)}, read_patch),
     Ball.family: Rig(Ball, _STRIKE, read_impact),
     RubberFriction.family: Rig(
         RubberFriction, {"normal_load": (6.0, 14.0, 27.0), "internal_pressure": (0.6e6, 1.1e6, 2.3e6),
@@ -213,7 +214,10 @@ class Bench:
     def __init__(self, kind: Any, reference: AbstractModel | None, conditions: Mapping[str, Sequence[float]] | None):
         if not (isinstance(kind, type) and issubclass(kind, AbstractEffect)):
             raise TypeError("an effect is a class derived from one of the stages in ddetumble.contact.effect.")
-        rig = RIGS.get(family_of(kind), _OBLIQUE)
+        if family_of(kind) not in RIGS:
+            raise TypeError(f"there are trial records of {', '.join(RIGS)}, and none of {family_of(kind)}: compare "
+                            "what your law gives at the effect's null with what it gives without the effect.")
+        rig = RIGS[family_of(kind)]
         self.kind, self.parameters, self.read = kind, parameters_of(kind), rig.read
         kind()  # pyright: ignore[reportCallIssue]  # raises where a method or a default is missing
         reference = rig.usual() if reference is None else reference

@@ -15,12 +15,11 @@ from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Self, cast, final
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from equinox import AbstractClassVar, AbstractVar
 from jaxtyping import Array
 
-from .._numerics import scalar, type_scalar
+from .._numerics import is_known, scalar, type_scalar
 from .signal import Signal
 from .transform import TRANSFORMS, Transform
 
@@ -189,8 +188,8 @@ class Shown(eqx.Module):
         for field in dc.fields(self):
             value = getattr(self, field.name)
             if "parameter" in field.metadata:
-                known = not isinstance(value, jax.core.Tracer) and jnp.ndim(value) == 0
-                shown.append(f"{field.name}={f'{float(value):.7g}' if known else eqx.tree_pformat(value)}")
+                one = is_known(value) and jnp.ndim(value) == 0
+                shown.append(f"{field.name}={f'{float(value):.7g}' if one else eqx.tree_pformat(value)}")
             elif isinstance(value, Shown) or value != field.default:  # choices that are the usual ones are left out
                 shown.append(f"{field.name}={value!r}")
         return f"{type(self).__name__}({', '.join(shown)})"

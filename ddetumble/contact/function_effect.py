@@ -54,7 +54,8 @@ def effect(stage: str, *, id: str = "", law: str = "", reference: str = "", requ
         TypeError: The arguments of the function are not state and parameters.
     """
     if stage not in STAGES:
-        raise ValueError(f"there is no stage {stage!r}; the stages are {', '.join(STAGES)}.")
+        raise ValueError(f"there is no stage {stage!r}; the stages are {', '.join(STAGES)}. An effect at a stage of "
+                         "your own is a class derived from the stage's.")
 
     def decorate(function: Callable[..., Any]) -> type[Any]:
         name, text = function.__name__, inspect.getdoc(function) or ""

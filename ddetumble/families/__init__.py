@@ -3,9 +3,12 @@
 from pathlib import Path
 
 from .._errors import InputError
+from ..effects.free import Ground
 from ..measurement import kinds
 from ..measurement.campaign import Campaign
+from ..measurement.kinds import RecordKind
 from ..measurement.package import read_campaign
+from ..reference_models import BuiltinModel
 from .family import Family, Observation, PlannedTests, Span, View
 from .impact import IMPACT
 from .oblique import OBLIQUE
@@ -54,5 +57,6 @@ def open_campaign(campaign: Campaign | str | Path) -> Campaign:
     return sample_values(measured, find_family(name_family(measured)))
 
 
-__all__ = ["DEFAULT_FAMILY", "FAMILIES", "IMPACT", "OBLIQUE", "SLIP", "TUMBLE", "Family", "Observation", "PlannedTests",
-           "Span", "View", "find_family", "list_families", "name_family", "open_campaign"]
+__all__ = ["DEFAULT_FAMILY", "FAMILIES", "IMPACT", "OBLIQUE", "SLIP", "TUMBLE", "BuiltinModel", "Family", "Ground",
+           "Observation", "PlannedTests", "RecordKind", "Span", "View", "find_family", "list_families", "name_family",
+           "open_campaign"]

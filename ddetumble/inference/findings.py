@@ -160,7 +160,8 @@ class Fit(AbstractFitted, AbstractPrinted):
 
     def __str__(self) -> str:
         """The report, as lmfit's users expect it."""
-        lines = [f"[[Model]]\n    {self.model_text}, fitted to {self.campaign}", "[[Fit Statistics]]"]
+        campaign = self.campaign or "a campaign without a name"
+        lines = [f"[[Model]]\n    {self.model_text}, fitted to {campaign}", "[[Fit Statistics]]"]
         counts = {"fitting method": "Levenberg-Marquardt", "function evals": self.steps, "records": self.records,
                   "data points": self.samples, "variables": len(self.parameters)}
         lines += [f"    # {name:<18} = {value}" for name, value in counts.items()]

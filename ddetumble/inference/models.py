@@ -78,8 +78,8 @@ def require_complete(value: Any) -> None:
     """
     if isinstance(value, type) and issubclass(value, AbstractModel) and list_abstract(value):
         raise InputError(f"the class {value.__name__} lacks {join_words(list_abstract(value))}: define what is "
-                         "missing, or derive it from a class that has it (of impacts dd.contact.AbstractDamped, which needs "
-                         "`elastic` alone)", key="model")
+                         "missing, or derive it from a class that has it (of impacts dd.contact.AbstractDamped, which "
+                         "needs `elastic` alone)", key="model")
 
 
 def find_model(name: str, family: str = DEFAULT_FAMILY) -> ResolvedModel:

@@ -250,7 +250,7 @@ def _compare_sizes(before: Noise, after: Noise) -> float:
     return float(np.sqrt(np.mean(np.concatenate(ratios) ** 2)))
 
 
-def differs_from_stated(noise: dict[str, Noise], settings: NoiseSettings = NOISE) -> bool:
+def differs_from_stated(noise: Mapping[str, Noise], settings: NoiseSettings = NOISE) -> bool:
     """Whether any channel's noise is correlated, or of another size than the campaign states."""
     return any(bool(n.sizes or n.hum) or n.correlation > 0 or abs(n.sd / n.stated_sd - 1) > settings.differs
                for n in noise.values() if n.stated_sd)

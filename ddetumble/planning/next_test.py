@@ -33,7 +33,7 @@ from .distinguishability import (
     value_information,
     value_separation,
 )
-from .setting_ranges import Extra, Limit, list_extras, set_limits
+from .setting_ranges import Extra, Limit, Range, list_extras, set_limits
 
 
 FILE = "design.json"
@@ -153,7 +153,7 @@ class Design(AbstractPrinted):
         return path
 
 
-def design(models: str | Path | Fitted | Sequence[Fitted], *, limits: Mapping[str, str] | Sequence[str] | None = None,
+def design(models: str | Path | Fitted | Sequence[Fitted], *, limits: Mapping[str, Range] | Sequence[str] | None = None,
            channels: Mapping[str, str] | Sequence[str] | None = None, length: float | None = None,
            progress: Progress | None = None) -> Design:
     """Find the test that best distinguishes the models that a discovery could not.
@@ -166,7 +166,8 @@ def design(models: str | Path | Fitted | Sequence[Fitted], *, limits: Mapping[st
 
     Args:
         models: what `discover` or `fit` returned, several fits of one campaign, or a folder that they wrote.
-        limits: `NAME=LOW..HIGH UNIT` or `NAME=VALUE UNIT`, by condition; the campaign's range, extended, elsewhere.
+        limits: `NAME=LOW..HIGH UNIT` or `NAME=VALUE UNIT`, or by condition `"0.2..2 m/s"` or (low, high) in SI; the
+            campaign's range, extended, elsewhere.
         channels: `NAME: NOISE UNIT` of channels that could be added; the usual ones where not given.
         length: of the test's record in its independent variable [s or m]; as in the campaign where not given.
         progress: called with a sentence and the share done.

@@ -24,7 +24,7 @@ from .prices import Price, price_limits
 from .problem import StrikeProblem
 from .robust import plan_robust_strike
 from .rules import Blow, compare_rules
-from .scenario import Scenario, pose_laws, pose_problem, read_errors, read_scenario
+from .scenario import Scenario, find_scenario, pose_laws, pose_problem, read_errors, read_scenario
 from .sequence import Joint, Sequence, plan_together
 from .single import LEAST_GAIN, STARTS, StrikePlan
 from .uncertainty import Assessment, Prospect, assess_plan, assess_sequence
@@ -169,7 +169,8 @@ def plan(problem: StrikeProblem | str | Path, model: AbstractFitted | FittedMode
     """Plan where, how fast, how hard and when to strike tumbling debris to reduce its angular momentum $|L|$.
 
     Args:
-        problem: what is struck, allowed and wanted; or a scenario file, which says everything else too.
+        problem: what is struck, allowed and wanted; or a scenario, which says everything else too: its file,
+            or the name of a shipped one.
         model: a fitted contact, as `fit` or `discover` returned it or in their folder, in place of the problem's own
             normal force; its uncertainty is drawn.
         settings: how impacts are looked for: one or several, one after the other or all together, for the best
@@ -186,7 +187,10 @@ def plan(problem: StrikeProblem | str | Path, model: AbstractFitted | FittedMode
     if not isinstance(problem, StrikeProblem):
         if model is not None or settings is not None:
             raise InputError("a scenario states its contact and its settings itself; leave out model and settings")
-        path = Path(problem)
+        if not isinstance(problem, (str, Path)):
+            raise InputError("plan takes a StrikeProblem, or a scenario's file or name, not a "
+                             f"{type(problem).__name__}")
+        path = find_scenario(problem)
         return plan_scenario(read_scenario(path), path.parent, path, progress=progress)
     settings, laws, ranges = settings or PlanSettings(), None, ()
     if model is not None:

@@ -19,7 +19,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, StrictBool, StrictFloat
 from .._errors import InputError
 from .._numerics import scalar
 from .._rotation import rotate_back
-from .._settings import name_folder
+from .._settings import find_data, name_folder
 from .._user_files import require_trust, run_file, split_name
 from ..contact.effect import parameters_of
 from ..contact.friction import DIVERGES_ABOVE
@@ -308,6 +308,14 @@ class Scenario(_Strict):
             raise ValueError("goal.least must be 'impacts' if uncertainty.plan_for is the mean or the tail, because "
                              "such plans are made one impact after the other")
         return self
+
+
+def find_scenario(name: Path | str) -> Path:
+    """Path of a scenario's file: the file of this name, or else the shipped scenario, `flat-spin` or `flat-spin.toml`.
+    """
+    path = Path(name)
+    shipped = find_data() / "scenarios" / path.with_suffix(".toml").name
+    return path if path.is_file() or path.parent.name or not shipped.is_file() else shipped
 
 
 def read_scenario(path) -> Scenario:

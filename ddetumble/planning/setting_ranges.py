@@ -54,9 +54,12 @@ class Extra:
     assumed: bool
 
 
-def set_limits(saved: FittedModel, entries: Mapping[str, str] | Sequence[str] | None = None) -> tuple[Limit, ...]:
+Range = str | float | tuple[float, float]  # text with a unit; or SI: a value, or the lower and the upper one
+
+
+def set_limits(saved: FittedModel, entries: Mapping[str, Range] | Sequence[str] | None = None) -> tuple[Limit, ...]:
     """Limits of all conditions of the next test: the campaign's own range, extended, and what the options say
-    (`NAME=LOW..HIGH UNIT`, or `NAME=VALUE UNIT` for a condition that is held still).
+    (`NAME=LOW..HIGH UNIT`, or `NAME=VALUE UNIT` for a condition that is held still; by name numbers in SI will do).
 
     Raises:
         InputError: no such condition, a wrong unit, limits that are none.
@@ -66,6 +69,8 @@ def set_limits(saved: FittedModel, entries: Mapping[str, str] | Sequence[str] | 
         assert saved.sampling is not None
         fastest = max(x for name, x in saved.sampling.largest.items() if name in family.main)
         known |= dict.fromkeys(family.starts, (-fastest, fastest))
+    if isinstance(entries, Mapping):
+        entries = {k: _write_range(expand_role(k, family.kind), v) for k, v in entries.items()}
     given = {expand_role(k, family.kind): v for k, v in read_pairs("limit", entries).items()}
     strange = [name for name in given if name not in known]
     if strange:
@@ -91,6 +96,15 @@ def set_limits(saved: FittedModel, entries: Mapping[str, str] | Sequence[str] | 
             low, high = wider if wider[0] < wider[1] else (low, high)
         found.append(Limit(name, saved.units.get(name) or si_unit(name), low, high))
     return tuple(found)
+
+
+def _write_range(name: str, given: Range) -> str:
+    """A range of a condition as text: `0.2..2 m/s`."""
+    if isinstance(given, str):
+        return given
+    ends = given if isinstance(given, (tuple, list)) else (given,)
+    unit = si_unit(name)
+    return "..".join(f"{float(end)!r}" for end in ends) + ("" if unit == "1" else f" {unit}")
 
 
 def _read_range(name: str, text: str) -> tuple[float, float]:

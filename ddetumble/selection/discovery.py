@@ -124,7 +124,8 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
     def __str__(self) -> str:
         """The findings in at most 100 columns: the sentence, the steps, the best candidates, parameters, and where."""
         records = len({trace.record for step in self.steps[-1:] for trace in step.traces})
-        head = f"[{say_verdict(self.verdict)}] {clean(self.campaign, 40)}, {records} records, "
+        campaign = clean(self.campaign, 40) or "a campaign without a name"
+        head = f"[{say_verdict(self.verdict)}] {campaign}, {records} records, "
         parts = [wrap(clean(self.sentence, 4000)), wrap(head + f"reference model {clean(self.model, 30)}"),
                  format_steps(self.steps, self.model, self.noise_nrmse)]
         if self.candidates:
