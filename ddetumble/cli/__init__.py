@@ -16,7 +16,7 @@ from .options import app, show_examples
 
 
 # In the order in which the help lists their commands.
-for _module in ("story", "measurement", "examination", "estimation", "catalogue", "sampling", "planning", "upkeep"):
+for _module in ("story", "measurement", "selection", "estimation", "catalogue", "sampling", "planning", "upkeep"):
     importlib.import_module(f".{_module}", __name__)
 
 

@@ -27,11 +27,11 @@ from .lack_of_fit import is_moved, measure_shifts
 from .localise import residual_places
 from .problem import Fitted, PredictionError, SelectionProblem, fit_reference, pose_selection
 from .result import Estimate, LackOfFit, Place, SettingShift, Trace, list_shifts
-from .sentences import describe_level, find_longest
 from .sequential import Sequential, follow_records
 from .series import list_channels, make_traces, nrmse, split_error
 from .settings import DEFAULT
 from .text import describe_place
+from .verdict_facts import describe_level, find_longest
 
 
 BINS = 12  # of a variable: fewer hide where a misfit begins, more are their own noise

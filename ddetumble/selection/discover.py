@@ -38,9 +38,9 @@ from .missing.missing_force import describe_missing
 from .outliers import Cleaned, begin_cleaning, clean_records
 from .problem import Fitted, SelectionProblem, fit_reference, pose_selection
 from .result import MissingForce, Place
-from .sentences import list_doubts, list_notes, tell_discovery
 from .series import nrmse
 from .settings import DEFAULT, SelectionSettings
+from .verdict_facts import list_doubts, list_notes, tell_discovery
 
 
 def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
