@@ -5,7 +5,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import jax
 import numpy as np
 import pandas as pd
 import pytest
@@ -96,24 +95,6 @@ def test_search_with_a_misfit_of_many_samples():
 def test_free_force_of_long_strokes():
     """The missing force of four long records of strokes: 28,000 samples, 48 splines."""
     assert measure_peak("found = dd.draw_missing_force(t.make_strokes()); assert found.shapes") < 3.0
-
-
-@pytest.mark.slow
-def test_blocks(monkeypatch):
-    """What is computed in many small blocks is what is computed at once."""
-    from ddetumble.inference import problem
-
-    campaign = make_impact(700, 3)
-    whole = dd.fit(campaign, nuisances=True)
-    for block in (3 * 768 * 10, 768 * 3):  # a record at a time, and a few columns of it
-        monkeypatch.setattr(problem, "BLOCK", block)
-        jax.clear_caches()
-        parts = dd.fit(campaign)
-        assert parts.chi2 == pytest.approx(whole.chi2, rel=1e-9)
-        for name, p in whole.parameters.items():
-            assert parts.parameters[name].estimate == pytest.approx(p.estimate, abs=1e-4 * p.sd)
-            assert parts.parameters[name].sd == pytest.approx(p.sd, rel=1e-6)
-    jax.clear_caches()
 
 
 def test_shapes():

@@ -218,12 +218,18 @@ def _advance(field, time: Array, state: Array, slope: Array, step: Array) -> tup
     def stage(carry, coefficients):
         slopes, _ = carry
         number, reach, mixed = coefficients
-        reached = state + step * (mixed @ slopes)
-        return (slopes.at[number].set(field(time + reach * step, reached)), reached), None
+        reached = state + step * _mix(mixed, slopes)
+        slope = field(time + reach * step, reached)
+        return (jax.lax.dynamic_update_index_in_dim(slopes, slope, number, 0), reached), None
 
-    slopes = jnp.zeros((7, state.shape[0])).at[0].set(slope)
+    slopes = jnp.concatenate([slope[None], jnp.zeros((6, state.shape[0]))])
     (slopes, reached), _ = jax.lax.scan(stage, (slopes, state), (np.arange(1, 7), _REACH, _MIXED))
     return reached, slopes
+
+
+def _mix(weights: Array, slopes: Array) -> Array:
+    """Weighted sum of slopes; elementwise, as a product of matrices would break the loop into many programs."""
+    return jnp.sum(weights[:, None] * slopes, axis=0)
 
 
 def _choose_steps(field, start: Array, last: Array, scale: Array, rtol, atol, max_steps: int) -> _Steps:
@@ -239,7 +245,7 @@ def _choose_steps(field, start: Array, last: Array, scale: Array, rtol, atol, ma
         reached, slopes = _advance(field, time, state, slope, size)
         allowed = atol * scale + rtol * jnp.maximum(jnp.abs(state), jnp.abs(reached))
         # Half the root of the sum of squares: a state without error changes no step, as an effect at its null must not.
-        error = 0.5 * jnp.sqrt(jnp.sum((size * (_ERROR @ slopes) / allowed) ** 2))
+        error = 0.5 * jnp.sqrt(jnp.sum((size * _mix(_ERROR, slopes) / allowed) ** 2))
         good = error <= 1.0
         # The largest step that would have been good, less a tenth; NaN, which is not good either, asks for the least.
         growth = jnp.clip(0.9 * jnp.where(error > 1e-10, error, 1e-10) ** -0.2, 0.2, jnp.where(good, 10.0, 1.0))
@@ -248,7 +254,7 @@ def _choose_steps(field, start: Array, last: Array, scale: Array, rtol, atol, ma
         taken = taken + good
         states = jnp.where(good, jnp.stack([state, reached]), jnp.stack([before, state]))
         return (time, size * growth, (states[0], states[1]), jnp.where(good, slopes[-1], slope),
-                times.at[taken].set(time), taken, tried + 1)
+                jax.lax.dynamic_update_index_in_dim(times, time, taken, 0), taken, tried + 1)
 
     times = jnp.full((max_steps + 1 + _SUBSTEPS,), jnp.inf).at[0].set(0.0)
     carry = (jnp.zeros(()), 2e-3 * last, (start, start), field(jnp.zeros(()), start), times, 0, 0)
