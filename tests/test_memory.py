@@ -112,7 +112,7 @@ def test_shapes():
 def test_refused(monkeypatch, tmp_path, capsys):
     """More memory than is allowed is refused in a sentence that names the setting, before anything is computed."""
     campaign = make_impact(2_000)
-    monkeypatch.setenv("DDETUMBLE_MEMORY", "10 MB")
+    monkeypatch.setenv("DDETUMBLE_MEMORY", "1 MB")
     for verb in (dd.compare, dd.fit, dd.discover):
         with pytest.raises(dd.InputError, match="DDETUMBLE_MEMORY"):
             verb(campaign)
