@@ -6,10 +6,10 @@ from typing import Any, final
 
 import diffrax as dfx
 import equinox as eqx
+import equinox.internal as eqxi
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 from jaxtyping import Array, Bool, Float
 
 from .._numerics import map_samples, safe_divide, stop
@@ -26,6 +26,11 @@ MAX_STEPS = 256  # larger follows stiffer contacts before it gives up, at the pr
 
 # Fractions of the contact, denser at its ends, and of the time after it, denser at separation, as sensors change there.
 _CONTACT_GRID = 0.5 - 0.5 * np.cos(np.pi * np.arange(65) / 64)
+# Method of Tsitouras: what each stage is made of, its time, and the error of a step. The last stage is the step's end.
+_TABLEAU = dfx.Tsit5.tableau
+_MIXED = np.stack([np.pad(row, (0, 7 - len(row))) for row in _TABLEAU.a_lower])
+_REACH, _ERROR = np.asarray(_TABLEAU.c), np.asarray(_TABLEAU.b_error)
+_TOGETHER = 8  # steps with derivatives between two looks at whether any are left: more look less, and waste more
 # Steps of the classical Runge-Kutta method and the rate after them: reach, weight, whether a step ends.
 _SUBSTEPS = 8  # more are finer and slower
 _STAGES = tuple(np.append(np.tile(column, _SUBSTEPS), 0.0) for column in (
@@ -60,6 +65,18 @@ class _Path(eqx.Module):
     time: Array
     state: Array
     rate: Array
+
+
+@final
+class _Steps(eqx.Module):
+    """The steps that one impact takes, constants of everything that comes after."""
+
+    times: Array  # of the nodes in contact; infinite behind them [s]
+    kept: Array  # number of the last of these
+    end: Array  # about where the ball separates, or the last wanted time [s]
+    separated: Array
+    failed: Array
+    tried: Array  # steps, with those that were too long
 
 
 @final
@@ -120,15 +137,9 @@ def _interpolate(path: _Path, time: Array) -> tuple[Array, Array, Array, Array]:
     return depression, rate, acceleration, jnp.stack(states) if states else jnp.zeros((0,))
 
 
-def measure_error(error: Array) -> Array:
-    """Half the root of the sum of squares: a state without error changes no step, as an effect at its null must not."""
-    return 0.5 * optx.two_norm(error)
-
-
 def simulate_impact(
     law: ContactLaw | AbstractReference, conditions: Mapping[str, Array], times: Array, *, span: Array | None = None,
-    adjoint: dfx.AbstractAdjoint | None = None, rtol: float = RTOL, atol: float = ATOL, max_steps: int = MAX_STEPS,
-    from_motion: bool = False,
+    rtol: float = RTOL, atol: float = ATOL, max_steps: int = MAX_STEPS, from_motion: bool = False,
 ) -> Impact:
     r"""Simulate one impact: $m_{eff}\,dw/dt = -F_n + F_{drive}$, $\delta(0) = 0$, $w(0) = v_1$, until $\delta = 0$.
 
@@ -140,7 +151,6 @@ def simulate_impact(
         conditions: `approach_speed` [m/s], `initial_pressure` [Pa, absolute] and whatever the law reads, scalars.
         times: wanted times since first touch, ascending, shape (times,) [s]; may start before 0.
         span: how long to integrate at most [s] (default: to the last wanted time).
-        adjoint: diffrax adjoint; default `DirectAdjoint` (both modes), `ForwardMode` is faster for Jacobians.
         rtol, atol: tolerances of the integrator, in units of approach speed and span.
         max_steps: steps after which the solve counts as failed.
         from_motion: read the force off the interpolated acceleration, $F_n = F_{drive} - m_{eff}\,dw/dt$, not from
@@ -159,7 +169,7 @@ def simulate_impact(
     refuse_values({"approach_speed": conditions["approach_speed"], "effective_mass": law.reference.inertia()},
                   "simulate")
     last = stop(jnp.max(times) if span is None else span)
-    motion = follow(law, conditions, jnp.where(last > 0, last, 1.0), adjoint, rtol, atol, max_steps)
+    motion = follow(law, conditions, jnp.where(last > 0, last, 1.0), rtol, atol, max_steps)
     return read_motion(law, conditions, times, motion, from_motion)[0]
 
 
@@ -180,45 +190,111 @@ def bound_depression(law: ContactLaw, conditions: Mapping[str, Array]) -> tuple[
     return jnp.interp(energy, work, depths, right=jnp.inf), diameter
 
 
-def follow(law: ContactLaw, conditions: Mapping[str, Array], last: Array, adjoint: dfx.AbstractAdjoint | None = None,
-           rtol: float | Array = RTOL, atol: float | Array = ATOL, max_steps: int = MAX_STEPS) -> Motion:
-    """Integrate one impact to separation, or to the time `last` [s]; arguments as of `simulate`."""
-    adjoint = dfx.DirectAdjoint() if adjoint is None else adjoint
+def follow(law: ContactLaw, conditions: Mapping[str, Array], last: Array, rtol: float | Array = RTOL,
+           atol: float | Array = ATOL, max_steps: int = MAX_STEPS) -> Motion:
+    """Integrate one impact to separation, or to the time `last` [s]; arguments as of `simulate_impact`.
+
+    The method of Tsitouras (2011), twice: values alone, which choose the steps, then the same steps with derivatives,
+    so that these are the derivatives of what is computed. Either is one small program, where the general machinery of
+    events and adjoints is a large one.
+    """
     speed = conditions["approach_speed"]
     diameter, damping = law.start(conditions)
     mass = law.reference.inertia()
     first = law.contact(conditions, diameter, jnp.zeros(()), jnp.zeros(()), speed, jnp.zeros((len(law.stateful()),)))
     sizes = [jnp.asarray(effect.size(first)) for effect in law.stateful()]
-    v = stop(speed)
-    scale = jnp.stack([v * last, v, *[stop(s) for s in sizes]])
-    start = jnp.concatenate([jnp.stack([jnp.zeros(()), speed]), law.begin_states()]) / scale
-
-    def field(t, y, args):
-        return _rates(t * last, y * scale, args) * (last / scale)
-
-    def gap(t, y, args, **kwargs):
-        return y[0]
-
-    def node(t, y, args):
-        return y * scale, _rates(t * last, y * scale, args)
-
+    scale = stop(jnp.stack([speed * last, speed, *sizes]))
+    start = jnp.concatenate([jnp.stack([jnp.zeros(()), speed]), law.begin_states()])
     constants = (diameter, damping, mass, conditions, law)
-    solution: Any = dfx.diffeqsolve(
-        dfx.ODETerm(field), dfx.Tsit5(), t0=jnp.zeros(()), t1=jnp.ones(()), dt0=jnp.asarray(2e-3),
-        y0=start, args=constants,
-        saveat=dfx.SaveAt(subs=[dfx.SubSaveAt(t0=True, steps=True, fn=node), dfx.SubSaveAt(t1=True)]),
-        stepsize_controller=dfx.PIDController(rtol=rtol, atol=atol, norm=measure_error), max_steps=max_steps,
-        adjoint=adjoint, event=dfx.Event(gap, optx.Newton(1e-12, 1e-12), direction=False), throw=False,
-    )
-    (node_state, node_rate), final = solution.ys
-    separated = solution.result == dfx.RESULTS.event_occurred
-    failed = ~(separated | (solution.result == dfx.RESULTS.successful))
-    path = _Path(solution.ts[0] * last, node_state, node_rate)
-    k = jnp.maximum(jnp.sum(jnp.isfinite(path.time)) - 2, 0)
-    failed = failed | (k + _SUBSTEPS >= path.time.shape[0])
-    path, end, final = _separate(lambda t, y: _rates(t, y, constants), path, k,
-                                 solution.ts[1][0] * last, final[0] * scale, separated)
-    return Motion(path, end, final, separated, failed, solution.stats["num_steps"], diameter, damping)
+    known = stop(constants)
+    taken = _choose_steps(lambda t, y: _rates(t, y, known), stop(start), last, scale, rtol, atol, max_steps)
+    path = _retrace(lambda t, y: _rates(t, y, constants), start, taken)
+    path, end, final = _separate(lambda t, y: _rates(t, y, constants), path, taken)
+    return Motion(path, end, final, taken.separated, taken.failed, taken.tried, diameter, damping)
+
+
+def _advance(field, time: Array, state: Array, slope: Array, step: Array) -> tuple[Array, Array]:
+    """State after one step, and the slopes at its stages, shape (7, states), the last of which is that at its end."""
+    def stage(carry, coefficients):
+        slopes, _ = carry
+        number, reach, mixed = coefficients
+        reached = state + step * _mix(mixed, slopes)
+        slope = field(time + reach * step, reached)
+        return (jax.lax.dynamic_update_index_in_dim(slopes, slope, number, 0), reached), None
+
+    slopes = jnp.concatenate([slope[None], jnp.zeros((6, state.shape[0]))])
+    (slopes, reached), _ = jax.lax.scan(stage, (slopes, state), (np.arange(1, 7), _REACH, _MIXED))
+    return reached, slopes
+
+
+def _mix(weights: Array, slopes: Array) -> Array:
+    """Weighted sum of slopes; elementwise, as a product of matrices would break the loop into many programs."""
+    return jnp.sum(weights[:, None] * slopes, axis=0)
+
+
+def _choose_steps(field, start: Array, last: Array, scale: Array, rtol, atol, max_steps: int) -> _Steps:
+    """Steps that keep the tolerances, until the depression ends or the time does; values alone."""
+    def go_on(carry):
+        time, _, (_, state), _, _, _, tried = carry
+        return (time < last) & ~((time > 0) & (state[0] <= 0)) & (tried < max_steps)
+
+    def step(carry):
+        time, size, (before, state), slope, times, taken, tried = carry
+        ending = time + size >= last
+        size = jnp.where(ending, last - time, size)
+        reached, slopes = _advance(field, time, state, slope, size)
+        allowed = atol * scale + rtol * jnp.maximum(jnp.abs(state), jnp.abs(reached))
+        # Half the root of the sum of squares: a state without error changes no step, as an effect at its null must not.
+        error = 0.5 * jnp.sqrt(jnp.sum((size * _mix(_ERROR, slopes) / allowed) ** 2))
+        good = error <= 1.0
+        # The largest step that would have been good, less a tenth; NaN, which is not good either, asks for the least.
+        growth = jnp.clip(0.9 * jnp.where(error > 1e-10, error, 1e-10) ** -0.2, 0.2, jnp.where(good, 10.0, 1.0))
+        growth = jnp.where(jnp.isfinite(error), growth, 0.2)
+        time = jnp.where(good, jnp.where(ending, last, time + size), time)
+        taken = taken + good
+        states = jnp.where(good, jnp.stack([state, reached]), jnp.stack([before, state]))
+        return (time, size * growth, (states[0], states[1]), jnp.where(good, slopes[-1], slope),
+                jax.lax.dynamic_update_index_in_dim(times, time, taken, 0), taken, tried + 1)
+
+    times = jnp.full((max_steps + 1 + _SUBSTEPS,), jnp.inf).at[0].set(0.0)
+    carry = (jnp.zeros(()), 2e-3 * last, (start, start), field(jnp.zeros(()), start), times, 0, 0)
+    time, _, (before, state), _, times, taken, tried = jax.lax.while_loop(go_on, step, carry)
+    separated = (time > 0) & (state[0] <= 0)
+    failed = ~(separated | (time >= last)) | ~jnp.all(jnp.isfinite(state))
+    # The depression falls to zero within the last step: about where a line does, and closer by a Newton step.
+    kept = jnp.maximum(taken - 1, 0)
+    near = times[kept] + safe_divide(before[0], before[0] - state[0]) * (time - times[kept])
+    after, *_ = _approach_end(field, times[kept], before, near)
+    end = jnp.where(separated, near - safe_divide(after[0], after[1]), time)
+    return _Steps(jnp.where(jnp.arange(times.shape[0]) <= kept, times, jnp.inf), kept, end, separated, failed, tried)
+
+
+def _retrace(field, start: Array, taken: _Steps) -> _Path:
+    """States and rates at the times of the steps that were chosen; behind the last one it stands still."""
+    rows = taken.times.shape[0]
+    blocks = -(-rows // _TOGETHER)
+    times = jnp.concatenate([taken.times, jnp.full((blocks * _TOGETHER + 1 - rows,), jnp.inf)])
+    most = eqxi.unvmap_max(taken.kept)  # of all records at once, so that what is not needed is not computed
+
+    def step(carry, interval):
+        state, slope = carry
+        time, size = interval
+        reached, slopes = _advance(field, time, state, slope, size)
+        return (reached, slopes[-1]), (reached, slopes[-1])
+
+    def some(carry, block):
+        number, times, sizes = block
+        return jax.lax.cond(number * _TOGETHER < most, lambda c: jax.lax.scan(step, c, (times, sizes)),
+                            lambda c: (c, jax.tree.map(lambda x: jnp.zeros((_TOGETHER, *x.shape)), c)), carry)
+
+    there = jnp.isfinite(times[1:])
+    last = taken.times[taken.kept]
+    begin = jnp.where(jnp.isfinite(times[:-1]), times[:-1], last).reshape(blocks, _TOGETHER)
+    sizes = jnp.where(there, times[1:] - jnp.where(there, times[:-1], 0.0), 0.0).reshape(blocks, _TOGETHER)
+    first = (start, field(jnp.zeros(()), start))
+    _, found = jax.lax.scan(some, first, (np.arange(blocks), begin, sizes))
+    nodes = [jnp.concatenate([x[None], y.reshape(-1, *x.shape)])[:rows] for x, y in zip(first, found, strict=True)]
+    return _Path(taken.times, *nodes)
 
 
 @jax.jit
@@ -231,18 +307,13 @@ def _rates(time, state, constants):
     return jnp.concatenate([jnp.stack([state[1], acceleration]), law.rates(contact, state[2:])])
 
 
-def _separate(field, path: _Path, k: Array, end: Array, final: Array, separated: Array
-              ) -> tuple[_Path, Array, Array]:
-    """Path, time and state at the end, where the ball separates followed anew from the last node in contact.
+def _approach_end(field, begin: Array, base: Array, end: Array) -> tuple[Array, Array, tuple[Array, Array]]:
+    """State at the time `end`, its rate, and both at the stages on the way, from the last node in contact.
 
-    The integrator's last step reaches beyond separation, where the law breaks off: its interpolant loses two to four
-    digits there. A few steps of the classical Runge-Kutta method from node `k` to separation see the law, and its
-    slopes, in contact only (depressions are kept above `floor`), and become nodes of their own: the force may break off
-    shortly before separation. A Newton step then takes the depression to zero, and carries the instant's derivative.
+    A step beyond separation would see where the law breaks off. A few of the classical Runge-Kutta method see the law,
+    and its slopes, in contact only: depressions are kept above `floor`.
     """
-    floor = stop(1e-6 * path.state[k, 0])
-    end = jnp.where(separated, stop(end), end)
-    step = (end - path.time[k]) / _SUBSTEPS
+    step, floor = (end - begin) / _SUBSTEPS, stop(1e-6 * base[0])
 
     def stage(carry, coefficients):
         time, base, total, slope = carry
@@ -253,12 +324,25 @@ def _separate(field, path: _Path, k: Array, end: Array, final: Array, separated:
         total = total + weight * step * slope
         return (time + done * step, base + done * total, (1.0 - done) * total, slope), (y, slope)
 
-    start = (path.time[k], path.state[k], jnp.zeros_like(final), jnp.zeros_like(final))
-    (_, after, _, rate), (states, rates) = jax.lax.scan(stage, start, _STAGES)
-    correction = jnp.where(separated, -safe_divide(after[0], after[1]), 0.0)
-    end, final = end + correction, jnp.where(separated, after + correction * rate, final)
+    start = (begin, base, jnp.zeros_like(base), jnp.zeros_like(base))
+    (_, after, _, rate), seen = jax.lax.scan(stage, start, _STAGES)
+    return after, rate, seen
+
+
+def _separate(field, path: _Path, taken: _Steps) -> tuple[_Path, Array, Array]:
+    """Path, time and state at the end, with the way from the last step to it as nodes of their own.
+
+    The force may break off shortly before separation. A Newton step takes the depression to zero, and carries the
+    instant's derivative.
+    """
+    k = taken.kept
+    begin, end = path.time[k], taken.end
+    after, rate, (states, rates) = _approach_end(field, begin, path.state[k], end)
+    correction = jnp.where(taken.separated, -safe_divide(after[0], after[1]), 0.0)
+    final = jnp.where(taken.separated, after + correction * rate, after)
     new = k + 1 + jnp.arange(_SUBSTEPS)
-    times = path.time[k] + step * (1.0 + jnp.arange(_SUBSTEPS))
+    times = begin + (end - begin) * ((1.0 + jnp.arange(_SUBSTEPS)) / _SUBSTEPS)
+    end = end + correction
     path = _Path(path.time.at[new].set(times.at[-1].set(end)),
                  path.state.at[new].set(states[4::4].at[-1].set(final)), path.rate.at[new].set(rates[4::4]))
     return path, end, final

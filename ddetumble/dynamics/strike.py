@@ -10,7 +10,6 @@ import functools
 from collections.abc import Mapping
 from typing import final
 
-import diffrax as dfx
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -137,9 +136,8 @@ def grip(law: StrikeLaw, conditions: Mapping[str, Array], diameter: Array, cours
 
 
 def simulate_oblique_impact(law: StrikeLaw | Striker, conditions: Mapping[str, Array], times: Array, *,
-                            span: Array | None = None, adjoint: dfx.AbstractAdjoint | None = None,
-                            rtol: float | Array = RTOL, atol: float | Array = ATOL, max_steps: int = MAX_STEPS,
-                            from_motion: bool = False) -> Strike:
+                            span: Array | None = None, rtol: float | Array = RTOL, atol: float | Array = ATOL,
+                            max_steps: int = MAX_STEPS, from_motion: bool = False) -> Strike:
     """Simulate one oblique impact until separation.
 
     Batch records with `jax.vmap`. Differentiable in both modes, through slip and grip.
@@ -149,7 +147,7 @@ def simulate_oblique_impact(law: StrikeLaw | Striker, conditions: Mapping[str, A
         conditions: `approach_speed`, `tangential_speed` [m/s], `initial_pressure` [Pa, absolute] and whatever the law
             reads, scalars.
         times: wanted times since first touch, ascending, shape (times,) [s]; may start before 0.
-        span, adjoint, rtol, atol, max_steps, from_motion: as of `simulate`, for the normal motion.
+        span, rtol, atol, max_steps, from_motion: as of `simulate`, for the normal motion.
 
     Returns:
         A `Strike`; look at `failed` under `vmap`.
@@ -164,7 +162,7 @@ def simulate_oblique_impact(law: StrikeLaw | Striker, conditions: Mapping[str, A
         name: getattr(law.reference, name) for name in ("tangential_mass", "rolling_mass", "creep_speed")}, "strike")
     normal = law.normal
     last = stop(jnp.max(times) if span is None else span)
-    motion = follow(normal, conditions, jnp.where(last > 0, last, 1.0), adjoint, rtol, atol, max_steps)
+    motion = follow(normal, conditions, jnp.where(last > 0, last, 1.0), rtol, atol, max_steps)
     impact, course = read_motion(normal, conditions, times, motion, from_motion, _COURSE)
     assert course is not None
     moved = grip(law, conditions, motion.diameter, course)

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import diffrax as dfx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -35,9 +34,8 @@ WEIGHTS = np.concatenate([0.5 * np.sin(_ANGLES) * np.pi / 96, np.gradient(_TAIL)
 
 def observe_contact(run: Callable[..., Any], law: Any, conditions: Mapping[str, Array], time: Array, row: Any,
                     channels: tuple[str, ...]) -> Observation:
-    """An impact, straight (`simulate`) or oblique (`strike`), in forward mode; the force is read off the motion."""
-    found = run(law, conditions, time, span=row.span, adjoint=dfx.ForwardMode(), rtol=row.rtol, atol=0.01 * row.rtol,
-                from_motion=True)
+    """An impact, straight or oblique, by the function `run` of it; the force is read off the motion."""
+    found = run(law, conditions, time, span=row.span, rtol=row.rtol, atol=0.01 * row.rtol, from_motion=True)
     model = jnp.stack([getattr(found, channel) for channel in channels])
     return Observation(model, found.depression, found.depression_rate, found.separation, found.failed)
 
@@ -51,7 +49,7 @@ def observe_impact(law: Any, conditions: Mapping[str, Array], time: Array, row: 
     if not set(channels) & set(VALUES):
         return observe_contact(simulate_impact, law, conditions, time, row, channels)
     last = jnp.where(row.span > 0, row.span, 1.0)
-    motion = follow(law, conditions, last, dfx.ForwardMode(), row.rtol, 0.01 * row.rtol)
+    motion = follow(law, conditions, last, row.rtol, 0.01 * row.rtol)
     values, failed = read_values(law, conditions, motion)
     if set(channels) <= set(VALUES):
         model = jnp.stack([jnp.broadcast_to(values[channel], time.shape) for channel in channels])

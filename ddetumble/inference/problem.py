@@ -26,8 +26,8 @@ from .stack import COSINE, SINE, ZERO, Records, Stack, is_added
 
 FAILED = 1e4
 FAINT = 1e-6  # of derivatives by coordinates in their scales: below it, rounding and the integrator's tolerance
-BLOCK = 3_000_000  # numbers of the Jacobian of as many records as are computed at once
-MIDWAY, COPIES = 8, 4  # times the memory of these that is taken on the way; and times that of the whole Jacobian
+BLOCK = 3_000_000  # numbers of a Jacobian up to which two are computed side by side
+MIDWAY, COPIES = 8, 4  # times the memory of one record's that is taken on the way; and times that of the whole Jacobian
 
 
 class Evaluation(eqx.Module):
@@ -87,62 +87,65 @@ def observe_record(space, names, channels, theta, z, row, base, directions, low,
 def evaluate(space, names, channels, theta, z, stack: Stack, base, directions, low, high) -> Evaluation:
     """Residual, Jacobian and channels of all records.
 
-    Compiled on its own so that the optimiser, which asks for it in several places, traces it once.
+    Compiled on its own so that the optimiser, which asks for it in several places, traces it once. One record after
+    the other: so each of the loops in time is one kernel, and what is only on the way takes no more than one record.
     """
     count, own = theta.shape[0], z.shape[1]
-    records, size = z.shape[0], stack.values[0].size * (count + own + 1)
-    together = max((n for n in range(1, records + 1) if records % n == 0 and n * size <= BLOCK), default=1)
 
-    def one(own_row, row, start):
+    def one(x):
+        own_row, row, start = x
+
         def f(a, b):
             return observe_record(space, names, channels, a, b, dc.replace(row, rtol=stack.rtol), start, directions,
                                   low, high)
 
-        return jax.vmap(lambda e: jax.jvp(f, (theta, own_row), (e[:count], e[count:]), has_aux=True),
-                        out_axes=(None, -1, None))(jnp.eye(count + own))
+        model, jacobian, (state, rate, end, failed) = jax.vmap(
+            lambda e: jax.jvp(f, (theta, own_row), (e[:count], e[count:]), has_aux=True),
+            out_axes=(None, -1, None))(jnp.eye(count + own))
+        failed = failed | ~jnp.all(jnp.isfinite(model))
+        columns = _weigh(row, failed, jnp.concatenate([(model - row.values)[..., None], jacobian], axis=-1))
+        residual = jnp.where(failed, FAILED, columns[:, 0])
+        return Evaluation(residual, columns[:, 1: count + 1], columns[:, count + 1:], model, state, rate, end, failed)
 
-    def block(x):
-        rows = x[1]
-        model, jacobian, (state, rate, end, failed) = jax.vmap(one)(*x)
-        failed = failed | ~jnp.all(jnp.isfinite(model), axis=(1, 2))
-        columns = _weigh(rows, failed, jnp.concatenate([(model - rows.values)[..., None], jacobian], axis=-1))
-        failed = failed & (rows.present > 0)
-        residual = jnp.where(failed[:, None], FAILED, columns[..., 0])
-        return Evaluation(residual, columns[..., 1: count + 1], columns[..., count + 1:], model, state, rate, end,
-                          failed)
-
-    everything = (z, dc.replace(stack, rtol=None), base)
-    if together == records:
-        return block(everything)
-    # More at once would fill the memory with what is only on the way.
-    blocks = jax.tree.map(lambda a: a.reshape(-1, together, *a.shape[1:]), everything)
-    return jax.tree.map(lambda a: a.reshape(records, *a.shape[2:]), jax.lax.map(block, blocks))
-
-
-def _weigh(stack: Stack, failed: Array, columns: Array) -> Array:
-    """Columns over samples whitened, shape (records, rows, columns); 0 for records that failed or are not there."""
-    keep = ((stack.present > 0) & ~failed)[:, None, None, None]
-    # Without the barrier the compiler computes the whole model again for every tap of the filter.
-    columns = jax.lax.optimization_barrier(columns)
-    columns = jnp.where(keep & jnp.isfinite(columns), columns, 0.0)
-    count, size = stack.taps.shape[-1], columns.shape[2]
-    # Padded once, and for good: slices of it cost half of what a padding a tap would.
-    late = jax.lax.optimization_barrier(jnp.pad(columns, ((0, 0), (0, 0), (count, 0), (0, 0))))
-    for k in range(count):
-        columns = columns - stack.taps[..., k, None] * late[:, :, count - k - 1: count - k - 1 + size]
-    return (columns * stack.weights[..., None]).reshape(columns.shape[0], -1, columns.shape[-1])
+    return _map_present(one, z, stack, base)
 
 
 def simulate_records(space, names, channels, z, stack: Stack, base, low, high) -> tuple[Array, Array, Array]:
     """The model without derivatives: whitened residual, shape (records, rows); which records failed; channels."""
-    axes = eqx.tree_at(lambda s: s.rtol, jax.tree.map(lambda _: 0, stack), None, is_leaf=lambda x: x is None)
     none, still = jnp.zeros(0), jnp.zeros((0, base.shape[1]))
-    model, (*_, failed) = jax.vmap(
-        lambda own, row, start: observe_record(space, names, channels, none, own, row, start, still, low, high),
-        in_axes=(0, axes, 0))(z, stack, base)
-    failed = failed | ~jnp.all(jnp.isfinite(model), axis=(1, 2))
-    residual = _weigh(stack, failed, (model - stack.values)[..., None])[..., 0]
-    return residual, failed & (stack.present > 0), model
+
+    def one(x):
+        own_row, row, start = x
+        model, (*_, failed) = observe_record(space, names, channels, none, own_row, dc.replace(row, rtol=stack.rtol),
+                                             start, still, low, high)
+        failed = failed | ~jnp.all(jnp.isfinite(model))
+        return _weigh(row, failed, (model - row.values)[..., None])[:, 0], failed, model
+
+    return _map_present(one, z, stack, base)
+
+
+def _map_present(one, z, stack: Stack, base):
+    """`one` of every record; zeros where there is none."""
+    everything = (z, dc.replace(stack, rtol=None), base)
+    absent = jax.eval_shape(one, jax.tree.map(lambda a: a[0], everything))
+
+    def skip(_):
+        return jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), absent)
+
+    return jax.lax.map(lambda x: jax.lax.cond(x[1].present > 0, one, skip, x), everything)
+
+
+def _weigh(row: Stack, failed: Array, columns: Array) -> Array:
+    """Columns over samples of one record whitened, shape (rows, columns); 0 where it failed."""
+    # Without the barrier the compiler computes the whole model again for every tap of the filter.
+    columns = jax.lax.optimization_barrier(columns)
+    columns = jnp.where(~failed & jnp.isfinite(columns), columns, 0.0)
+    count, size = row.taps.shape[-1], columns.shape[1]
+    # Padded once, and for good: slices of it cost half of what a padding a tap would.
+    late = jax.lax.optimization_barrier(jnp.pad(columns, ((0, 0), (count, 0), (0, 0))))
+    for k in range(count):
+        columns = columns - row.taps[..., k, None] * late[:, count - k - 1: count - k - 1 + size]
+    return (columns * row.weights[..., None]).reshape(-1, columns.shape[-1])
 
 
 @partial(jax.jit, static_argnums=(0, 1, 2))
@@ -346,7 +349,7 @@ class Problem:
         stack, count = self.records.stack, self.records.count
         slots = next(s for s in self.space.family.slots if len(free) <= s)
         numbers = stack.values.size * (slots + len(self.records.nuisances) + 1)
-        need = 8.0 * (COPIES * numbers + MIDWAY * max(min(numbers, BLOCK), numbers // len(stack.present)))
+        need = 8.0 * (COPIES * numbers + MIDWAY * numbers // len(stack.present))
         columns = [self.space.index[name] for name in free]
         directions, scales = np.zeros((slots, len(self.space))), self.scales[columns]
         directions[np.arange(len(free)), columns] = scales

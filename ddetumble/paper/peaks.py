@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
-import diffrax as dfx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -97,7 +96,7 @@ def compute_peaks(space: ParameterSpace, u: Array, conditions: Mapping[str, Arra
     """Peak forces of impacts at coordinates, shape (impacts, parameters), and conditions, shape (impacts,) [N]."""
     def one(place, own):
         law = space.build(place)
-        motion = follow(law, own, jnp.asarray(WINDOW), dfx.ForwardMode(), 1e-6, 1e-8)
+        motion = follow(law, own, jnp.asarray(WINDOW), 1e-6, 1e-8)
         return read_values(law, own, motion)[0]["peak_normal_force"]
 
     return jax.vmap(one)(u, conditions)

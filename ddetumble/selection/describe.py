@@ -177,9 +177,9 @@ def describe_candidates(selection: SelectionProblem, grown: Sequence[FittedStep]
 
     # The effects of the final model lead, in the order in which they were found.
     final, place = list(grown[-1].fitted.effects), {e: k for k, e in enumerate(tried.order)}
-    return [describe(e) for e in sorted(tried.order, key=lambda e: (
+    return map_threads(describe, sorted(tried.order, key=lambda e: (
         final.index(e) if e in final else len(final),
-        *((fits[e].thinned, fits[e].merit, fits[e].solution.chi2) if rejected else ()), place[e]))]
+        *((fits[e].thinned, fits[e].merit, fits[e].solution.chi2) if rejected else ()), place[e])))
 
 
 def _finish(selection: SelectionProblem, grown: Sequence[FittedStep], tried: CandidateFits, before: Fitted, effect: str
