@@ -2,10 +2,12 @@
 
 import itertools
 
+import diffrax as dfx
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optimistix as optx
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -174,6 +176,30 @@ def test_too_few_steps_says_so():
     """A solve that runs out of steps has failed."""
     found = strike(ContactLaw(Ball()), collect(1e6, 0.4), max_steps=8)
     assert found.failed and not found.separated
+
+
+@pytest.mark.slow
+def test_a_general_solver_finds_the_same():
+    """diffrax with its own steps, event and method of order 8, on the same equation of motion with all effects on."""
+    law, conditions = SPACE.build(jnp.asarray(SPACE.coordinates(EVERYTHING))), collect(1.3e6, 0.5)
+    diameter, damping = law.start(conditions)
+
+    def field(time, y, _):
+        contact = law.contact(conditions, diameter, time, y[0], y[1], y[2:])
+        forces = law.forces(contact, damping, y[2:])
+        acceleration = (forces.drive - forces.normal) / law.reference.inertia()
+        return jnp.concatenate([jnp.stack([y[1], acceleration]), law.rates(contact, y[2:])])
+
+    found = simulate_impact(law, conditions, TIMES)
+    inside = (TIMES > 0) & (TIMES < found.separation)
+    solution = dfx.diffeqsolve(
+        dfx.ODETerm(field), dfx.Dopri8(), 0.0, 0.06, 1e-5, jnp.concatenate([jnp.array([0.0, 0.5]), law.begin_states()]),
+        stepsize_controller=dfx.PIDController(rtol=1e-10, atol=1e-13), max_steps=20_000,
+        saveat=dfx.SaveAt(ts=TIMES[inside]),
+        event=dfx.Event(lambda t, y, args, **_: y[0], optx.Newton(1e-13, 1e-13), direction=False))
+    assert solution.ys.shape[0] == inside.sum()
+    np.testing.assert_allclose(found.depression[inside], solution.ys[:, 0], atol=1e-6 * solution.ys[:, 0].max())
+    np.testing.assert_allclose(found.depression_rate[inside], solution.ys[:, 1], atol=1e-5 * 0.5)
 
 
 def describe(u, change, **options):

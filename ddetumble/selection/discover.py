@@ -105,7 +105,7 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     if irregular:
         verdict, where = "explained" if len(steps) > 1 else "nothing-missing", []
     elif isinstance(missing, MissingForce) and verdict == "unexplained":
-        irregular = is_unrelated(selection, steps[-1].fitted, missing)
+        irregular = is_unrelated(selection, steps[-1].fitted, missing, where)
         verdict = "undecided" if irregular else verdict
     biases: list[SettingBias] = []
     if len(steps) > 1 and selection.holds_out:
@@ -266,18 +266,25 @@ def _weigh_steps(selection: SelectionProblem, steps: Sequence[FittedStep]
 def is_irregular(selection: SelectionProblem, fitted: Fitted, missing: MissingForce) -> bool:
     """Whether a misfit is none of a force's: no force of any variable removes more than a little of it on left-out
     conditions, and nothing of it repeats over the records."""
-    if missing.ceiling is not None and missing.shapes:
-        removed = (missing.model - missing.ceiling[1]) / max(missing.model - missing.floor, 1e-300)
-        if removed > selection.settings.little:
-            return False
+    if _measure_removed(missing) > selection.settings.little:
+        return False
     p_value = selection.measure_repeats(fitted.solution)
     return p_value is not None and p_value > selection.settings.repeats
 
 
-def is_unrelated(selection: SelectionProblem, fitted: Fitted, missing: MissingForce) -> bool:
-    """Whether no force of any variable removes any of a misfit, and nothing tells whether it repeats: it may be noise
-    that is not as stated."""
-    return not missing.shapes and selection.measure_repeats(fitted.solution) is None
+def is_unrelated(selection: SelectionProblem, fitted: Fitted, missing: MissingForce, where: Sequence[Place]) -> bool:
+    """Whether no force of any variable removes any of a misfit, or no more than a little of one without a period, and
+    nothing tells whether it repeats over the records: it may be noise that is not as stated, such as a gyroscope's
+    wandering bias."""
+    little = 0.0 if any(place.period for place in where) else selection.settings.little
+    return _measure_removed(missing) <= little and selection.measure_repeats(fitted.solution) is None
+
+
+def _measure_removed(missing: MissingForce) -> float:
+    """Share of a misfit that a force of any variable removes on left-out conditions."""
+    if missing.ceiling is None or not missing.shapes:
+        return 0.0
+    return (missing.model - missing.ceiling[1]) / max(missing.model - missing.floor, 1e-300)
 
 
 def list_exact(campaign: Campaign) -> list[str]:

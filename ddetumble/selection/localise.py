@@ -151,7 +151,8 @@ def _place(selection: SelectionProblem, direction: str, fitted: Fitted) -> Place
         else:
             high = (solution.state if variable == family.state else solution.end).max()
             low = float(np.exp(solution.u[selection.space.index[onset]])) if onset is not None else 0.0
-            period = float(np.exp(-solution.u[selection.space.index[line]])) if onset is None and line else None
+            period = float(np.exp(-solution.u[selection.space.index[line]])) if onset is None and line else np.inf
+            period = period if period <= high - low else None  # a wave longer than a record does not repeat in it
         values = np.array([low, high])
     return Place(getattr(effect, "channel", channels[0]), variable, (float(values.min()), float(values.max())), "both",
                  1.0, period)
