@@ -11,6 +11,7 @@ from .shell import InflatedShell as InflatedShell
 from .sliding import AbstractFriction as AbstractFriction
 from .sliding import AdhesionHysteresis as AdhesionHysteresis
 from .sliding import FrictionLaw as FrictionLaw
+from .sliding import SlipCurves as SlipCurves
 from .torque import TumbleLaw as TumbleLaw
 
 __all__: list[str]
