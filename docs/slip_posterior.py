@@ -1,7 +1,7 @@
 """a...e of Eq. 9 at one load by emcee and by NUTS: `python -m docs.slip_posterior -o fits/slip-coefficients`.
 
-The curve is that of Eq. 10 at 28 N with noise, as in `docs/slip_curves.py`, with e free. Writes the fit (optimistix),
-both posteriors, a corner plot and `README.md`.
+The stroke is that of Eq. 10 at 28 N with noise, as in `docs/slip_curves.py`, with e free. Writes the fit, both
+posteriors, a corner plot and `README.md`.
 """
 
 import argparse
@@ -10,12 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ddetumble import sample
-from ddetumble.figures.posterior import draw_corner
-from ddetumble.figures.style import render_png
-from ddetumble.inference import fit_slip_curve
+import ddetumble as dd
+from ddetumble.figures import draw_corner, render_png
 from ddetumble.inference.files import write_json
-from docs.slip_curves import make_curve
+from docs.slip_curves import ALONE, make_campaign
 
 
 LOAD, SEED = 28.0, 20
@@ -31,15 +29,15 @@ def compare(emcee, nuts) -> list[dict]:
     return rows
 
 
-def describe(found, emcee, nuts, rows) -> str:
+def describe(found: dd.Fit, profiles, emcee: dd.Posterior, nuts: dd.Posterior, rows) -> str:
     """README of the folder."""
-    lines = [f"# a...e at {LOAD:g} N", "", "Made by `python -m docs.slip_posterior -o fits/slip-coefficients`: a curve "
-             "of Eq. 10 with noise, e free.", "",
-             "| | optimistix | its interval by profile | emcee: mean, sd | 95 % of its draws | NUTS: mean, sd |",
+    lines = [f"# a...e at {LOAD:g} N", "", "Made by `python -m docs.slip_posterior -o fits/slip-coefficients`: a "
+             "stroke of Eq. 10 with noise, e free, in the coordinates of the model `eq10` (a, b + d, b - d, c, e).", "",
+             "| | fit | its interval by profile | emcee: mean, sd | 95 % of its draws | NUTS: mean, sd |",
              "| --- | --- | --- | --- | --- | --- |"]
     for name, p in emcee.parameters.items():
-        c, q = found.coefficients[name], nuts.parameters[name]
-        lines.append(f"| {name} | {c.estimate:.5g} ± {c.sd:.2g} | {c.low:.5g} to {c.high:.5g} | {p.mean:.5g}, "
+        c, q, (low, high) = found.parameters[name], nuts.parameters[name], profiles[name]
+        lines.append(f"| {name} | {c.estimate:.5g} ± {c.sd:.2g} | {low:.5g} to {high:.5g} | {p.mean:.5g}, "
                      f"{p.sd:.2g} | {p.q025:.5g} to {p.q975:.5g} | {q.mean:.5g}, {q.sd:.2g} |")
     worst = max(abs(row["difference"]) for row in rows)
     lines += ["", f"- emcee: {emcee.state}; R-hat {emcee.convergence.rhat:.4f}, {emcee.convergence.effective:.0f} "
@@ -48,11 +46,7 @@ def describe(found, emcee, nuts, rows) -> str:
               f"{nuts.convergence.rhat:.4f}, {nuts.convergence.effective:.0f} independent draws.",
               f"- Their means differ by at most {worst:.1f} Monte Carlo errors; deviations: "
               + ", ".join(f"{r['name']} {r['ratio']:.3f} ± {r['ratio_error']:.3f}" for r in rows) + ".",
-              "- The posterior is a bent valley with a long tail of large c and small d; emcee's independent proposals "
-              "follow it as a mixture.",
-              "- At other loads the same curve leaves c and d without an end (below 10 N and at 20 to 24 N), and "
-              "`sample` refuses; at 15 N the profile has ends, but the draws follow a valley to d = 0, and neither "
-              "sampler comes to an end: it says so.", "",
+              "- The posterior is a bent valley with a long tail of large c and small d.", "",
               "![corner](corner.png)", ""]
     return "\n".join(lines)
 
@@ -62,17 +56,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--output", type=Path, required=True)
     given = parser.parse_args()
-    curve = make_curve(LOAD, np.random.default_rng(SEED))
-    found = fit_slip_curve(curve.slip, curve.coefficient, curve.load, curve.sd, free_e=True)
-    emcee = sample(found, seed=SEED, effective=3000, most=20_000, block=500)
-    nuts = sample(found, seed=SEED, sampler="nuts", effective=3000, burn=1000, block=500, most=20_000)
+    campaign = make_campaign([LOAD], [1e6], np.random.default_rng(SEED), exact=True)
+    found = dd.fit(campaign, "eq10", free=["e_0"], fixed=ALONE, noise="stated")
+    profiles = {name: found.profile(name) for name in found.parameters}
+    emcee = dd.sample(found, seed=SEED, effective=3000, most=20_000, block=500)
+    nuts = dd.sample(found, seed=SEED, sampler="nuts", effective=3000, burn=1000, block=500, most=20_000)
     emcee.save(given.output)
     rows = compare(emcee, nuts)
     (given.output / "corner.png").write_bytes(render_png(draw_corner(emcee)))
-    own = {k: v for k, v in found.to_dict().items() if k != "profiles"}
-    write_json(given.output / "result.json", {"optimistix": own, "nuts": nuts.to_dict(), "compared": rows,
-                                              "convergence": dc.asdict(emcee.convergence)})
-    text = describe(found, emcee, nuts, rows)
+    write_json(given.output / "result.json", {"fit": found.to_dict(), "profiles": profiles, "nuts": nuts.to_dict(),
+                                              "compared": rows, "convergence": dc.asdict(emcee.convergence)})
+    text = describe(found, profiles, emcee, nuts, rows)
     (given.output / "README.md").write_text(text, encoding="utf-8")
     print(text)
 

@@ -131,7 +131,7 @@ def test_a_model_of_another_campaign_is_held_out_as_a_whole(campaign, tmp_path):
 def test_what_a_verb_returns_prints_in_words():
     """A command prints `str` of a result: every annotated result of a public verb has a text of its own."""
     verbs = (dd.fit, dd.discover, dd.identify, dd.sample, dd.average, dd.design, dd.map_effects, dd.plan,
-             dd.draw_missing_force, dd.inference.fit_curve, dd.inference.fit_rubber)
+             dd.draw_missing_force)
     kinds = {verb.__name__: verb.__annotations__["return"] for verb in verbs} | {
         "compare": dd.Comparison, "compare several": dd.Comparisons}
     silent = [name for name, kind in kinds.items() if not issubclass(kind, AbstractPrinted) or "__str__" not in {

@@ -13,6 +13,7 @@ from .sliding import AbstractFriction as AbstractFriction
 from .sliding import AdhesionHysteresis as AdhesionHysteresis
 from .sliding import FrictionLaw as FrictionLaw
 from .sliding import Slide as Slide
+from .sliding import SlipCurves as SlipCurves
 from .torque import Spin as Spin
 from .torque import TumbleLaw as TumbleLaw
 

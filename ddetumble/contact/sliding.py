@@ -160,10 +160,11 @@ def _centre(name: str) -> tuple[float, float, float]:
     return p + q * MIDDLE + r * MIDDLE**2, (q + 2.0 * r * MIDDLE) * STRIDE, r * STRIDE**2
 
 
-def _slope(name: str, power: int, unit: str, typical: float, text: str) -> Any:
-    """A coefficient of a polynomial in x, from Eq. 10's own value on."""
+def _slope(name: str, power: int, unit: str, typical: float, text: str, free: bool = True) -> Any:
+    """A coefficient of a polynomial in x, from Eq. 10's own value on; of e, which is held, from 1 on."""
     part = ("", " per x", " per x^2")[power]
-    return parameter(unit, _centre(name)[power], kind="reference", typical=typical, text=text + part,
+    begin = float(power == 0) if name == "e" else _centre(name)[power]
+    return parameter(unit, begin, kind="reference", typical=typical, text=text + part, free=free,
                      limits=(-50.0, 50.0), limits_reason="hundreds of times what Eq. 10 has")
 
 
@@ -171,9 +172,10 @@ def _slope(name: str, power: int, unit: str, typical: float, text: str) -> Any:
 class SlipCurves(AbstractRubberFriction):
     r"""Eq. 11 with the coefficients of Eq. 10 free: polynomials of the load, in coordinates that records determine.
 
-    $\mu_{slip}(s) = a\,[1 + \tfrac{c-1}{2} e^{(b+d)s} - \tfrac{c+1}{2} e^{(b-d)s}]$ is Eq. 9 with $e = 1$: two
-    exponentials. Free are $a$ (linear) and $b + d$, $b - d$ and $c$ (quadratic) in $x = (F_n - 15\,N)/10\,N$, where
-    loads of 5 to 28 N lie about zero. `derive` gives the polynomials of Eq. 10.
+    $\mu_{slip}(s) = a\,[1 + \tfrac{c-e}{2} e^{(b+d)s} - \tfrac{c+e}{2} e^{(b-d)s}]$ is Eq. 9: two exponentials. Free
+    are $a$ (linear) and $b + d$, $b - d$ and $c$ (quadratic) in $x = (F_n - 15\,N)/10\,N$, where loads of 5 to 28 N lie
+    about zero. $e$ is held at 1: friction at zero slip is $a (1 - e)$ and Eq. 8, which strokes at one pressure do not
+    tell apart. `derive` gives the polynomials of Eq. 10.
     """
 
     a_0: Scalar = _slope("a", 0, "", 0.05, "a of Eq. 9 at 15 N")
@@ -187,18 +189,21 @@ class SlipCurves(AbstractRubberFriction):
     c_0: Scalar = _slope("c", 0, "", 0.02, "c of Eq. 9 at 15 N")
     c_1: Scalar = _slope("c", 1, "", 0.02, "c of Eq. 9")
     c_2: Scalar = _slope("c", 2, "", 0.02, "c of Eq. 9")
+    e_0: Scalar = _slope("e", 0, "", 0.02, "e of Eq. 9 at 15 N", free=False)
+    e_1: Scalar = _slope("e", 1, "", 0.02, "e of Eq. 9", free=False)
+    e_2: Scalar = _slope("e", 2, "", 0.02, "e of Eq. 9", free=False)
 
     def slipping(self, slide: Slide) -> Scalar:
-        """Eq. 9 with e = 1 at the record's load [-]."""
+        """Eq. 9 at the record's load [-]."""
         x = (slide.normal_load - MIDDLE) / STRIDE
         a = self.a_0 + self.a_1 * x
         total = self.sum_0 + x * (self.sum_1 + x * self.sum_2)
         rest = self.difference_0 + x * (self.difference_1 + x * self.difference_2)
-        c, one = self.c_0 + x * (self.c_1 + x * self.c_2), jnp.ones_like(x)
-        return slip_coefficient(slide.slip, SlipCoefficients(a, 0.5 * (total + rest), c, 0.5 * (total - rest), one))
+        c, e = self.c_0 + x * (self.c_1 + x * self.c_2), self.e_0 + x * (self.e_1 + x * self.e_2)
+        return slip_coefficient(slide.slip, SlipCoefficients(a, 0.5 * (total + rest), c, 0.5 * (total - rest), e))
 
     def derive(self) -> Mapping[str, tuple[Scalar, str]]:
-        """a...d of Eq. 10 in ascending powers of the load, b and d per millimetre."""
+        """a...e of Eq. 10 in ascending powers of the load, b and d per millimetre."""
         zero = jnp.zeros_like(self.a_0)
         total, rest = (self.sum_0, self.sum_1, self.sum_2), (self.difference_0, self.difference_1, self.difference_2)
         found = {}
@@ -206,7 +211,8 @@ class SlipCurves(AbstractRubberFriction):
                 ("a", "", (self.a_0, self.a_1, zero)),
                 ("b", "mm", tuple(0.5 * (s + t) for s, t in zip(total, rest, strict=True))),
                 ("c", "", (self.c_0, self.c_1, self.c_2)),
-                ("d", "mm", tuple(0.5 * (s - t) for s, t in zip(total, rest, strict=True)))):
+                ("d", "mm", tuple(0.5 * (s - t) for s, t in zip(total, rest, strict=True))),
+                ("e", "", (self.e_0, self.e_1, self.e_2))):
             q, r = q / STRIDE, r / STRIDE**2
             for power, value in enumerate((p - q * MIDDLE + r * MIDDLE**2, q - 2.0 * r * MIDDLE, r)):
                 units = [one for one in (inverse, ("", "N", "N^2")[power]) if one]

@@ -1,14 +1,19 @@
 """Slip records: rubber slides on a plate under a load, in one stroke or back and forth; its friction is measured."""
 
 import dataclasses as dc
-from collections.abc import Mapping
+import itertools
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
+from scipy import optimize
 
 from .._errors import InputError
+from ..contact.friction import SLIP_UNIT
+from ..contact.sliding import MIDDLE, STRIDE
 from ..dynamics.slide import simulate_sliding
 from ..effects import SLIP as EFFECTS
 from ..effects.directions import SLIP_DIRECTIONS
@@ -20,6 +25,10 @@ from .family import SPLINES, Family, Observation, Path, PlannedTests, Span, View
 
 
 VALUES = ("peak_friction_force",)  # of which a stroke gives one
+RUNAWAY = 20.0  # |c| beyond which its product with d alone acts
+ALIKE = 0.05  # of the load, within which all loads are one: set weights scatter less, and planned ones differ by more
+MOST_GUESSED = 2000  # samples that starts are guessed from: more tell no more of two rates
+GUESSES = 4  # pairs of rates that fits begin from, of a grid: the likeliest, as neighbours end in the same place
 
 
 def observe_slip(law: Any, conditions: Mapping[str, Array], time: Array, row: Any, channels: tuple[str, ...]
@@ -96,6 +105,50 @@ def lay_strokes(time: np.ndarray, values: np.ndarray, strokes: np.ndarray, end: 
     return [Span(float(a), float(time[b]), SPLINES) for a, b in zip(starts, ends, strict=True)]
 
 
+def guess_starts(campaign: Campaign, space: Any, start: np.ndarray, free: Sequence[str]) -> list[np.ndarray]:
+    """The given coordinates; of Eq. 9 at one load also the best pairs of rates, of a grid and between its points.
+
+    Given the rates it is linear in a and a c, which are projected out. Over several loads the curves hold each other.
+    """
+    load, over = campaign.records["normal_load"].to_numpy(dtype=float), campaign.independent
+    if ("difference_0" not in free or np.ptp(load) > ALIKE * load.max() or campaign.samples is None or over is None
+            or over.name != "slip" or SLIP.main[0] not in campaign.channels):
+        return [start.copy()]
+    table = campaign.samples[["record", "slip", SLIP.main[0]]].dropna()
+    table = table.iloc[:: 1 + len(table) // MOST_GUESSED]
+    records, law = campaign.records.loc[table["record"]], space.build(jnp.asarray(start))
+    given = {name: jnp.asarray(records[name].to_numpy(dtype=float)) for name in campaign.conditions}
+    begun = jax.vmap(lambda one: simulate_sliding(law, one, jnp.zeros(1), jnp.ones(1)).tangential_force[0])(given)
+    slip = table["slip"].to_numpy(dtype=float) / SLIP_UNIT  # and friction without that at the start, Eq. 8's
+    friction = (table[SLIP.main[0]].to_numpy(dtype=float) - np.asarray(begun)) / load.mean()
+    x = (load.mean() - MIDDLE) / STRIDE
+    offset = [] if {"adhesion_constant", "loss_factor", "e_0"}.isdisjoint(free) else [np.ones_like(slip)]
+
+    def project(rates):
+        down, up = (np.exp(np.minimum(rate * slip, 300.0)) for rate in rates)
+        columns = np.stack([1.0 - 0.5 * (up + down), 0.5 * (up - down), *offset], axis=1)
+        size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        share = np.linalg.lstsq(columns / size, friction, rcond=1e-10)[0] / size
+        return float(np.sum((columns @ share - friction) ** 2)), share
+
+    grid = np.concatenate([-np.geomspace(80.0, 0.2, 16), np.geomspace(0.3, 40.0, 6)]) / max(float(slip.max()), 1e-6)
+    starts = [start.copy()]
+    for pair in sorted(itertools.combinations(grid, 2), key=lambda pair: project(pair)[0])[:GUESSES]:
+        best = optimize.minimize(lambda rates: project(rates)[0], pair, method="Nelder-Mead",
+                                 options={"xatol": 1e-4 * abs(grid).min(), "fatol": 0.0, "maxiter": 200}).x
+        a, product = project(best)[1][:2]
+        # The model's coefficients are polynomials in x; their higher powers stay as they are.
+        if not abs(product) < RUNAWAY * abs(a):
+            continue  # the rates agree, and c is lost
+        found = {"a": a, "sum": best[1], "difference": best[0], "c": product / a}
+        starts.append(start.copy())
+        for name, value in found.items():
+            higher = sum(start[space.index[f"{name}_{k}"]] * x**k for k in (1, 2) if f"{name}_{k}" in space.index)
+            if f"{name}_0" in free:
+                starts[-1][space.index[f"{name}_0"]] = value - higher
+    return starts
+
+
 VIEW = View(
     "tangential_force", "slip", "slip", "", (), ("slip",), "share of the record", ("start", "end"), (0.0, 1.0), 30, 3,
     True, "test of the series", "", "adhesion constant, loss factor, slip term",
@@ -135,5 +188,6 @@ SLIP = Family(
     ground=SLIP_GROUND,
     remedies="measure at other loads, pressures and slip speeds",
     follow=follow_slip,
+    guess_starts=guess_starts,
     values=VALUES,
 )

@@ -2,7 +2,7 @@
 
 import math
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.ticker import MaxNLocator
@@ -258,45 +258,30 @@ def draw_left_out(scores: Sequence[Scores], names: Sequence[str] = ()):
 
 def _push_marginal(target: AbstractTarget, k: int) -> np.ndarray:
     """The fit's Gaussian of one parameter in its public unit: values and their density, shape (points, 2)."""
-    push, centre, covariance = _fit_gaussian(target)
-    sd = math.sqrt(covariance[k, k])
-    x = np.repeat(centre[None], 401, axis=0)
+    sd = math.sqrt(target.covariance[k, k])
+    x = np.repeat(target.centre[None], 401, axis=0)
     steps = np.linspace(-4, 4, len(x))
     x[:, k] += sd * steps
-    value = push(x)[:, k]
+    value = target.publish(x)[:, k]
     slope = np.abs(np.gradient(value, x[:, k]))
     density = np.exp(-0.5 * steps**2) / (sd * math.sqrt(2 * math.pi)) / np.maximum(slope, 1e-300)
     good = np.isfinite(value) & np.isfinite(density)
-    if push == target.publish:
-        good &= (x[:, k] >= target.low[k]) & (x[:, k] <= target.high[k])
+    good &= (x[:, k] >= target.low[k]) & (x[:, k] <= target.high[k])
     return np.stack([value[good], density[good]], axis=1)
 
 
 def _push_ellipses(target: AbstractTarget, i: int, j: int) -> list[np.ndarray]:
     """Where the fit's Gaussian of two parameters holds 68 and 95 %, in public units, each shape (points, 2)."""
-    push, centre, covariance = _fit_gaussian(target)
-    own = covariance[np.ix_([i, j], [i, j])]
+    own = target.covariance[np.ix_([i, j], [i, j])]
     scale = np.sqrt(np.diag(own))
     factor = scale[:, None] * np.linalg.cholesky(own / np.outer(scale, scale) + 1e-12 * np.eye(2))
     angle = np.linspace(0, 2 * np.pi, 121)
     found = []
     for mass in _MASSES:
-        x = np.repeat(centre[None], len(angle), axis=0)
+        x = np.repeat(target.centre[None], len(angle), axis=0)
         x[:, [i, j]] += math.sqrt(-2 * math.log1p(-mass)) * (factor @ np.stack([np.cos(angle), np.sin(angle)])).T
-        if push == target.publish:
-            x = np.clip(x, target.low, target.high)
-        found.append(push(x)[:, [i, j]])
+        found.append(target.publish(np.clip(x, target.low, target.high))[:, [i, j]])
     return found
-
-
-def _fit_gaussian(target: AbstractTarget) -> tuple[Callable[[np.ndarray], np.ndarray], np.ndarray, np.ndarray]:
-    """The fit's Gaussian and the function that publishes its draws: where every coordinate gives one public value, in
-    coordinates; where several do, in public units by the slope, as the fit's own errors are."""
-    slope = target.slope()
-    parts = np.abs(slope) * np.sqrt(np.diag(target.covariance))  # of every public value's deviation
-    if np.all(parts.sum(axis=1) - np.diag(parts) <= 1e-6 * np.diag(parts)):
-        return target.publish, target.centre, target.covariance
-    return np.asarray, target.publish(target.centre), slope @ target.covariance @ slope.T
 
 
 def _span(values: np.ndarray, curve: np.ndarray) -> tuple[float, float]:

@@ -11,15 +11,23 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from scipy import optimize, stats
 
 from .._display import AbstractPrinted
 from .._errors import InputError
 from ..measurement.campaign import Campaign
 from .archive import AbstractFitted, FittedModel, make_fitted, save_model
-from .bounded import NEAR, Bounded, truncate_normal
+from .bounded import NEAR, Bounded, solve_bounded, truncate_normal
 from .files import check_folder, list_versions, make_plain, write_json
 from .goodness import GoodnessOfFit, judge_goodness
-from .identifiability import Knowledge, Remedy, analyse_fit, analyse_with_refits, describe_knowledge
+from .identifiability import (
+    Knowledge,
+    Remedy,
+    analyse_fit,
+    analyse_with_refits,
+    describe_knowledge,
+    limit_knowledge,
+)
 from .noise import Noise
 from .parameters import ParameterSpace
 from .problem import Problem, Solution
@@ -29,6 +37,7 @@ FILE = "fit.json"
 SCHEMA = "ddetumble.fit-result/1"
 LEAST = 0.1  # correlations below are not printed: they change no reading of the table (lmfit's own limit)
 NEXT, LIKELY = 0.03, 4.0  # of the distance to a null; and how much worse in chi-square (two sd) what lies there may fit
+HIGH = 1e6  # of chi-square, for what could not be refitted: far above any end
 INSIDE = ("source", "problem", "bounded", "gaussians")  # what of a fit is not written down
 
 
@@ -158,6 +167,46 @@ class Fit(AbstractFitted, AbstractPrinted):
             raise InputError(f"the level must be between 0 and 1; it is {level:g}", option="level")
         return self.space.parameter(name).transform.interval(*truncate_normal(*self.gaussians[name], level)[1:])
 
+    def profile(self, name: str, level: float = 0.95) -> tuple[float, float]:
+        r"""Interval of a parameter by profile likelihood, in its public unit.
+
+        It ends where $\chi^2$, all other parameters and the nuisances refitted, has risen by the quantile of
+        $\chi^2_1$: 3.84 at 95 %. Where it does not, as far as values are of interest, the interval ends at the limits
+        of the parameter.
+
+        Raises:
+            InputError: It is no fitted parameter, or the level is not between 0 and 1.
+        """
+        self.interval(name, level)  # refuses what is no use
+        problem, others = self.problem, [other for other in self.parameters if other != name]
+        k, rise = self.space.index[name], math.sqrt(stats.chi2.ppf(level, 1))
+        vast, ends = limit_knowledge(self.space, name), []
+        sd = min(self.gaussians[name][1], vast)
+
+        def refit(u: float, near: Solution) -> tuple[float, Solution]:
+            start = near.u.copy()
+            start[k] = u
+            with np.errstate(over="ignore"):
+                found = solve_bounded(problem, others, start, near.z, self.bounded.bounds, 1e-3).solution
+            more = HIGH if found.failed else min(max(found.chi2 - self.solution.chi2, 0.0), HIGH)
+            return math.sqrt(more) - rise, found
+
+        for side, limit in zip((-1.0, 1.0), self.bounded.room(problem, name), strict=True):
+            near, end = self.solution, limit
+            for step in (sd * rise * 2.0**doubling for doubling in itertools.count()):
+                place = side * min(side * near.u[k] + step, side * limit)
+                lack, there = refit(place, near)
+                if lack >= 0.0:
+                    found: Any = optimize.brentq(lambda u, near=near: refit(u, near)[0], near.u[k], place,
+                                                 xtol=1e-3 * sd)
+                    end = float(found)
+                    break
+                if place == limit or abs(place - self.solution.u[k]) > vast:
+                    break
+                near = there
+            ends.append(end)
+        return self.space.parameter(name).transform.interval(*ends)
+
     def __str__(self) -> str:
         """The report, as lmfit's users expect it."""
         campaign = self.campaign or "a campaign without a name"
@@ -286,7 +335,7 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
 
 def derive_quantities(space: ParameterSpace, u: np.ndarray, gaussians: Mapping[str, tuple[float, ...]],
                       covariance: np.ndarray) -> dict[str, Derived]:
-    """What the reference model tells beside its parameters, by name; infinite deviation where one is not determined.
+    """What follows from fitted parameters of the reference model, by name; their deviation is infinite where unknown.
 
     Args:
         space: of the parameters.
@@ -305,8 +354,8 @@ def derive_quantities(space: ParameterSpace, u: np.ndarray, gaussians: Mapping[s
     sd = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0))
     open_ended = np.array([not math.isfinite(gaussian[1]) for gaussian in gaussians.values()])
     sd[(slopes[:, open_ended] != 0.0).any(axis=1)] = math.inf
-    return {name: Derived(float(value), float(error), unit)
-            for (name, unit), value, error in zip(units.items(), read(jnp.asarray(u)), sd, strict=True)}
+    return {name: Derived(float(value), float(error), unit) for (name, unit), value, error, own in zip(
+        units.items(), read(jnp.asarray(u)), sd, slopes, strict=True) if own.any()}
 
 
 def estimate_parameters(problem: Problem, found: Bounded, known: Knowledge, start: np.ndarray

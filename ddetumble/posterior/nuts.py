@@ -56,7 +56,6 @@ def _misfit_of_records(target: CampaignTarget, own: Array) -> Callable[[Array, A
 
 def _misfit_of_curve(target: CurveTarget, x: Array, v: Array) -> Array:
     value = 0.5 * jnp.sum(target.rows(x, target.data) ** 2)
-    value = value if target.weight is None else value - target.weight(x, target.data)
     return jnp.where(jnp.isfinite(value), value, 1e10)  # a wall, with a finite gradient
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._display import AbstractPrinted, Progress
+from ..contact.transform import TRANSFORMS
 from ..inference.files import check_folder, list_versions, make_plain, write_json, write_whole
 from .diagnostics import Convergence
 from .loo import Scores, score_conditions
@@ -213,8 +214,9 @@ class Posterior(AbstractPrinted):
 def summarise_posterior(target: AbstractTarget, sampler: str, settings: Mapping[str, Any], x: np.ndarray,
                         log_density: np.ndarray, convergence: Convergence, statistics: Mapping[str, Any]) -> Posterior:
     """Turn draws into what people read; arguments as in `Posterior`."""
-    public, centre, slope = target.publish(x), target.publish(target.centre), target.slope()
-    spread = np.sqrt(np.diag(slope @ target.covariance @ slope.T))
+    public, centre = target.publish(x), target.publish(target.centre)
+    spread = [TRANSFORMS[kind].slope(float(value)) * sd for kind, value, sd in zip(
+        target.coordinates, centre, np.sqrt(np.diag(target.covariance)), strict=True)]
     state = (f"converged after {convergence.steps} steps" if convergence.enough else
              f"not converged after {convergence.steps} steps: {convergence.lacking}; the same command with more steps "
              "continues from here")

@@ -8,7 +8,6 @@ from .._display import Progress
 from .._errors import InputError
 from ..contact.effect import AbstractEffect
 from ..inference.archive import Model
-from ..inference.curve_fit import CurveFit
 from ..inference.estimation import fit
 from ..inference.findings import Fit
 from ..inference.specification import read_specification
@@ -17,14 +16,14 @@ from .chain import Settings, run_chains
 from .ensemble import Ensembles
 from .nuts import Nuts
 from .result import Posterior
-from .target import AbstractTarget, pose_curve_fit, pose_fit
+from .target import AbstractTarget, pose_fit
 
 
 SAMPLERS = {one.name: one for one in (Ensembles, Nuts)}
 CHAIN = "chain"  # folder of the blocks
 
 
-def sample(source: Campaign | Fit | CurveFit | AbstractTarget | str | Path, model: Model = "paper",
+def sample(source: Campaign | Fit | AbstractTarget | str | Path, model: Model = "paper",
            effects: Sequence[str | type[AbstractEffect]] = (), *, sampler: str | None = None,
            folder: str | Path | None = None, progress: Progress | None = None,
            walkers: int | None = None, ensembles: int | None = None, burn: int | None = None,
@@ -33,8 +32,8 @@ def sample(source: Campaign | Fit | CurveFit | AbstractTarget | str | Path, mode
     """Sample the posterior of the parameters of a model, with the nuisances of every record integrated out.
 
     Args:
-        source: a campaign or its folder, a specification `fit.toml`, a fit of a campaign or of a friction
-            curve, or a target made by `pose_curve`.
+        source: a campaign or its folder, a specification `fit.toml`, a fit, or a target made by
+            `pose_curve`.
         model, effects: as for `fit`.
         sampler: `emcee` (default), or `nuts`, which needs the extra `nuts`.
         folder: where a chain is kept, so that the same call goes on after whatever stopped it.
@@ -55,8 +54,6 @@ def sample(source: Campaign | Fit | CurveFit | AbstractTarget | str | Path, mode
     stated, named = {}, "emcee"
     if isinstance(source, AbstractTarget):
         target = source
-    elif isinstance(source, CurveFit):
-        target = pose_curve_fit(source)
     else:
         if isinstance(source, (str, Path)) and Path(source).suffix == ".toml":
             found, _ = read_specification(Path(source))

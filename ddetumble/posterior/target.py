@@ -15,8 +15,6 @@ from that Gaussian (common random numbers: a smooth function of $x$).
 """
 
 import dataclasses as dc
-import hashlib
-import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -34,8 +32,6 @@ from .._errors import InputError
 from .._numerics import map_threads
 from ..contact.transform import TRANSFORMS
 from ..inference.bounded import Bounded, solve_bounded
-from ..inference.curve_fit import Curve, CurveFit
-from ..inference.files import make_plain
 from ..inference.findings import Fit
 from ..inference.identifiability import analyse_fit
 from ..inference.parameters import ParameterSpace
@@ -180,11 +176,6 @@ class AbstractTarget(ABC):
         x = np.asarray(x, dtype=float)
         return np.stack([TRANSFORMS[kind].from_unconstrained(np.asarray(x[..., k]))
                          for k, kind in enumerate(self.coordinates)], axis=-1)
-
-    def slope(self) -> np.ndarray:
-        """Derivative of the public values by the coordinates at the fit, shape (free, free)."""
-        step = 1e-4 * np.diag(np.sqrt(np.diag(self.covariance)))
-        return (self.publish(self.centre + step) - self.publish(self.centre - step)).T / (2 * np.diag(step))
 
     def draw_inside(self, rng: np.random.Generator, count: int, width: float = 1.0) -> np.ndarray:
         """Draws from the fit's Gaussian, made `width` times as wide, within the limits; shape (count, free).
@@ -331,14 +322,7 @@ class CurveTarget(AbstractTarget):
 
     rows: Callable[[Array, Any], Array]  # whitened residual of coordinates and data, in JAX; at the top of a module
     data: Any  # whatever `rows` takes
-    weight: Callable[[Array, Any], Array] | None = None  # logarithm of a further factor of the prior
-    values: Callable[[Array, Any], Array] | None = None  # public values, where each coordinate does not give its own
     labels: np.ndarray | None = None  # number of every row's part, shape (rows,); None where the curve is one part
-
-    def prior(self, x: np.ndarray) -> np.ndarray:
-        """As the base class has it, times the further factor."""
-        total = super().prior(x)
-        return total if self.weight is None else total + np.asarray(_map(self.weight, jnp.asarray(x), self.data))
 
     def likelihoods(self, x: np.ndarray) -> np.ndarray:
         """As the base class has it; where there are several parts, with the densities of whitened readings."""
@@ -369,13 +353,6 @@ class CurveTarget(AbstractTarget):
             return None
         return found.x, np.linalg.inv(information * np.outer(scale, scale)) * np.outer(scale, scale)
 
-    def publish(self, x: np.ndarray) -> np.ndarray:
-        """As the base class has it."""
-        if self.values is None:
-            return super().publish(x)
-        flat = jnp.asarray(x).reshape(-1, np.shape(x)[-1])
-        return np.asarray(_map(self.values, flat, self.data)).reshape(np.shape(x))
-
 
 @eqx.filter_jit
 def _square(rows, x: Array, data: Any, labels: np.ndarray | None, count: int) -> Array:
@@ -385,11 +362,6 @@ def _square(rows, x: Array, data: Any, labels: np.ndarray | None, count: int) ->
     else:
         value = jnp.zeros((x.shape[0], count)).at[:, labels].add(value)
     return jnp.where(jnp.isfinite(value), value, -jnp.inf)
-
-
-@eqx.filter_jit
-def _map(function, x: Array, data: Any) -> Array:
-    return jax.vmap(lambda one: function(one, data))(x)
 
 
 def pose_curve(rows: Callable[[Array, Any], Array], data: Any, names, centre, covariance, *, units=None,
@@ -425,43 +397,3 @@ def pose_curve(rows: Callable[[Array, Any], Array], data: Any, names, centre, co
         parts=tuple(map(str, known)), groups=np.arange(len(known)), conditions=[{}] * len(known), identity=identity,
         rows=rows, data=data, labels=None if parts is None else np.array([known.index(one) for one in parts]),
     )  # fmt: skip
-
-
-def pose_curve_fit(found: CurveFit) -> CurveTarget:
-    """The posterior of a friction curve's coefficients; flat in these, in the logarithm of what is positive.
-
-    It is sampled in the internal coordinates of the fit, in which valleys are straight, with the volume's change as a
-    factor. The prior ends far outside the intervals of the profile likelihood, five of their widths away.
-
-    Raises:
-        InputError: The readings do not bound a coefficient, so that there is no posterior.
-    """
-    curve, data = found.curve, found.data
-    loose = [p.name for p in found.profiles if not all(p.bounded)]
-    if loose or not found.profiles:
-        why = f"the readings do not bound {', '.join(loose)}" if loose else "the fit was made without profiles"
-        raise InputError(f"there is no posterior to sample: {why}; hold what they do not determine, or add readings")
-    low, high = (curve.to_coordinates(np.array(ends)) for ends in zip(*((p.low, p.high) for p in found.profiles),
-                                                                      strict=True))
-    box = jnp.asarray([low - 5.0 * (high - low), high + 5.0 * (high - low)])
-    centre = np.asarray(curve.fold(jnp.asarray(found.values), data))
-    columns = np.asarray(jax.jacfwd(lambda x: _whiten(curve, x, data))(jnp.asarray(centre)))
-    norms = np.linalg.norm(columns, axis=0)
-    covariance = np.linalg.pinv((columns / norms).T @ (columns / norms), rcond=1e-12) / np.outer(norms, norms)
-    values = np.concatenate([np.ravel(np.asarray(leaf)) for leaf in jax.tree.leaves(data)]).tolist()
-    sha256 = hashlib.sha256(json.dumps(make_plain(values)).encode()).hexdigest()
-    made = pose_curve(partial(_whiten, curve), data, curve.names, centre, covariance, units=curve.units,
-                      identity={"title": found.subject, "fixed": dict(found.fixed), "data": sha256})
-    return dc.replace(made, weight=partial(_weigh_box, curve, box), values=curve.unfold, notes=(
-        "the prior is flat in each coefficient, or in its logarithm where it is positive",))
-
-
-def _whiten(curve: Curve, x: Array, data: Any) -> Array:
-    return curve.predict(curve.unfold(x, data), data)
-
-
-def _weigh_box(curve: Curve, box: Array, x: Array, data: Any) -> Array:
-    """Change of volume from internal coordinates to those in which the prior is flat; nothing outside its box."""
-    flat = lambda x: curve.to_coordinates(curve.unfold(x, data), jnp)
-    inside = jnp.all((flat(x) > box[0]) & (flat(x) < box[1]))
-    return jnp.where(inside, jnp.linalg.slogdet(jax.jacfwd(flat)(x))[1], -jnp.inf)
