@@ -16,6 +16,7 @@ from pathlib import Path
 from ._errors import InputError
 
 
+PROGRAM = "-program"  # how the names of traced programs end, which `inference.programs` keeps beside JAX's own
 _OFF = ("off", "0", "no", "false")
 _SHARE = 0.5  # of the machine's memory: what else the process holds, and other processes, have the rest
 _UNKNOWN = 8e9  # bytes, of a machine that does not say what it has
@@ -86,11 +87,12 @@ def clear_cache() -> tuple[int, int]:
 
 
 def list_cache() -> list[Path]:
-    """Everything that JAX keeps in its cache folder: entries end in `-cache`, their times of use in `-atime`."""
+    """Everything that is kept in the cache folder: JAX's entries end in `-cache`, their times of use in `-atime`, and
+    traced programs in `-program`."""
     folder = find_cache()
     if not folder.is_dir():
         return []
-    return sorted(entry for entry in folder.iterdir() if entry.name.endswith(("-cache", "-atime")))
+    return sorted(entry for entry in folder.iterdir() if entry.name.endswith(("-cache", "-atime", PROGRAM)))
 
 
 def find_data() -> Path:

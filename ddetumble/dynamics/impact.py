@@ -206,7 +206,7 @@ def follow(law: ContactLaw, conditions: Mapping[str, Array], last: Array, rtol: 
     scale = stop(jnp.stack([speed * last, speed, *sizes]))
     start = jnp.concatenate([jnp.stack([jnp.zeros(()), speed]), law.begin_states()])
     constants = (diameter, damping, mass, conditions, law)
-    known = stop(constants)
+    known = jax.lax.stop_gradient(constants)
     taken = _choose_steps(lambda t, y: _rates(t, y, known), stop(start), last, scale, rtol, atol, max_steps)
     path = _retrace(lambda t, y: _rates(t, y, constants), start, taken)
     path, end, final = _separate(lambda t, y: _rates(t, y, constants), path, taken)
@@ -227,7 +227,7 @@ def _advance(field, time: Array, state: Array, slope: Array, step: Array) -> tup
     return reached, slopes
 
 
-def _mix(weights: Array, slopes: Array) -> Array:
+def _mix(weights: Array | np.ndarray, slopes: Array) -> Array:
     """Weighted sum of slopes; elementwise, as a product of matrices would break the loop into many programs."""
     return jnp.sum(weights[:, None] * slopes, axis=0)
 
@@ -257,7 +257,7 @@ def _choose_steps(field, start: Array, last: Array, scale: Array, rtol, atol, ma
                 jax.lax.dynamic_update_index_in_dim(times, time, taken, 0), taken, tried + 1)
 
     times = jnp.full((max_steps + 1 + _SUBSTEPS,), jnp.inf).at[0].set(0.0)
-    carry = (jnp.zeros(()), 2e-3 * last, (start, start), field(jnp.zeros(()), start), times, 0, 0)
+    carry: Any = (jnp.zeros(()), 2e-3 * last, (start, start), field(jnp.zeros(()), start), times, 0, 0)
     time, _, (before, state), _, times, taken, tried = jax.lax.while_loop(go_on, step, carry)
     separated = (time > 0) & (state[0] <= 0)
     failed = ~(separated | (time >= last)) | ~jnp.all(jnp.isfinite(state))

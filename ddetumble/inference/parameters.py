@@ -3,6 +3,7 @@
 import copy
 import dataclasses as dc
 import re
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -47,6 +48,12 @@ class Common:
         unit = "" if self.relative else self.unit
         return Slot(f"{self.column}_shift", None, Parameter(f"{self.column}_shift", "", unit, 0.0, "reference",
                                                             self.sd, text=text))
+
+
+def _is_ours(kind: type) -> bool:
+    """Whether a class is found in the package by its name, and so is the same in every process."""
+    module, package = kind.__module__, __name__.partition(".")[0]
+    return module.startswith(f"{package}.") and getattr(sys.modules[module], kind.__qualname__, None) is kind
 
 
 class ParameterSpace:
@@ -94,6 +101,17 @@ class ParameterSpace:
         kinds = tuple(type(part) for part in parts_of(self.reference))
         return (kinds, tuple(list_choices(self.reference).items()), self.effects, tuple(c.column for c in self.commons),
                 self.absent)
+
+    @property
+    def text(self) -> str | None:
+        """The same in words, for other processes; None where a class is not the package's own, by its name."""
+        kinds, choices, effects, commons, absent = self.key
+        plain = all(isinstance(x, str | int | float | None) for _, x in choices)
+        listed = self.family.directions  # made by a function, and told apart by their names within a family
+        if not plain or not all(one in listed or _is_ours(one) for one in (*kinds, *effects)):
+            return None
+        named = [[f"{one.__module__}.{one.__qualname__}" for one in group] for group in (kinds, effects, absent)]
+        return repr((named, choices, commons))
 
     def thin_out(self, free: Iterable[str], u: np.ndarray) -> "ParameterSpace":
         """The same space without the costly effects that a fit of the `free` parameters leaves at their null.

@@ -21,6 +21,7 @@ from .._numerics import map_threads
 from .._settings import reserve_memory
 from .levenberg_marquardt import BorderedLevenbergMarquardt, eliminate_nuisances
 from .parameters import ParameterSpace
+from .programs import call_kept
 from .stack import COSINE, SINE, ZERO, Records, Stack, is_added
 
 
@@ -41,6 +42,9 @@ class Evaluation(eqx.Module):
     state_rate: Array
     end: Array
     failed: Array
+
+
+FOUND = (0, 0, Evaluation(*[jnp.zeros(())] * 8), 0, 0)  # what `_solve` returns, to know its structure
 
 
 def observe_record(space, names, channels, theta, z, row, base, directions, low, high):
@@ -126,7 +130,7 @@ def simulate_records(space, names, channels, z, stack: Stack, base, low, high) -
 
 def _map_present(one, z, stack: Stack, base):
     """`one` of every record; zeros where there is none."""
-    everything = (z, dc.replace(stack, rtol=None), base)
+    one, everything = jax.jit(one), (z, dc.replace(stack, rtol=None), base)  # jitted, so that it is traced once
     absent = jax.eval_shape(one, jax.tree.map(lambda a: a[0], everything))
 
     def skip(_):
@@ -370,11 +374,13 @@ class Problem:
             if name in self.priors:
                 centre, sd = self.priors[name]
                 mean[k], weight[k] = (centre - np.ravel(base)[columns[k]]) / scales[k], scales[k] / sd
+        static = (space, self.records.nuisances, self.records.channels)
+        name = None if space.text is None else repr((space.text, *static[1:]))
         what = f"a fit of {slots} columns to {int(self.records.lengths.sum()):,} samples"
         try:
             with reserve_memory(need, what):
-                theta, z_new, at, converged, steps = jax.block_until_ready(_solve(
-                    space, self.records.nuisances, self.records.channels, stack, jnp.asarray(base),
+                theta, z_new, at, converged, steps = jax.block_until_ready(call_kept(
+                    _solve, static, name, FOUND, stack, jnp.asarray(base),
                     jnp.asarray(directions), *(jnp.asarray(b) for b in self.limits), jnp.asarray(mean),
                     jnp.asarray(weight), jnp.asarray(z0), jnp.asarray(float(moving)), jnp.asarray(tolerance),
                     jnp.asarray(max_steps)))

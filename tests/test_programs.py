@@ -1,0 +1,103 @@
+"""Programs kept between processes: found without tracing, told apart, and traced anew where they cannot be read."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import ddetumble as dd
+from ddetumble.inference import programs
+from ddetumble.inference.parameters import ParameterSpace
+
+
+X, Y = jnp.arange(3.0), {"a": jnp.ones(3)}
+
+
+@pytest.fixture
+def folder(monkeypatch, tmp_path):
+    """A cache folder of its own, in a process that knows no program yet."""
+    monkeypatch.setattr(programs, "_known", {})
+    before = jax.config.jax_compilation_cache_dir
+    jax.config.update("jax_compilation_cache_dir", str(tmp_path))
+    yield tmp_path
+    jax.config.update("jax_compilation_cache_dir", before)
+
+
+def make_function(traced):
+    """A jitted function that says when it is traced."""
+    def f(factor, x, y):
+        traced.append(factor)
+        return {"sum": factor * (x + y["a"]), "count": jnp.asarray(x.size)}
+
+    return jax.jit(f, static_argnums=0)
+
+
+def call(function, factor=2.0, name="two", x=X):
+    """The function by its kept program."""
+    return programs.call_kept(function, (factor,), name, {"sum": 0, "count": 0}, x, Y)
+
+
+def list_programs(folder):
+    """Names of what is kept."""
+    return sorted(path.name for path in folder.glob("*-program"))
+
+
+def test_the_next_process_traces_nothing(folder, monkeypatch):
+    """The value is that of the function, in this process and, from the file alone, in the next."""
+    traced, function = [], None
+    function = make_function(traced)
+    first = call(function)
+    np.testing.assert_array_equal(first["sum"], 2.0 * (X + 1.0))
+    assert first["count"] == 3 and len(list_programs(folder)) == 1
+    call(function)
+    monkeypatch.setattr(programs, "_known", {})
+    jax.clear_caches()
+    traced.clear()
+    np.testing.assert_array_equal(call(function)["sum"], first["sum"])
+    assert not traced
+
+
+def test_what_differs_is_another_program(folder):
+    """By name, shape and code."""
+    function = make_function([])
+    call(function)
+    np.testing.assert_array_equal(call(function, 3.0, "three")["sum"], 3.0 * (X + 1.0))
+    call(function, x=jnp.arange(1.0))
+    assert len(list_programs(folder)) == 3
+
+
+def test_damaged_program_is_traced_anew(folder, monkeypatch):
+    """Half a file is no error, and is written again."""
+    function = make_function([])
+    expected = call(function)["sum"]
+    (path,) = folder.glob("*-program")
+    whole = path.read_bytes()
+    for damaged in (b"", whole[: len(whole) // 2], b"no program"):
+        path.write_bytes(damaged)
+        monkeypatch.setattr(programs, "_known", {})
+        np.testing.assert_array_equal(call(function)["sum"], expected)
+        assert len(path.read_bytes()) > len(damaged)
+
+
+def test_nothing_is_kept_without_a_name_or_of_what_calls_back(folder):
+    """A program of a user's class, or one that calls Python while it runs, works and leaves no file."""
+    call(make_function([]), name=None)
+
+    @jax.jit
+    def calls_back(x, y):
+        return jax.pure_callback(lambda a: np.asarray(a), jax.ShapeDtypeStruct(x.shape, x.dtype), x) + y["a"]
+
+    np.testing.assert_array_equal(programs.call_kept(calls_back, (), "calls back", 0, X, Y), X + 1.0)
+    assert not list_programs(folder)
+
+
+def test_a_space_has_a_text_where_all_is_the_packages_own():
+    """Equal texts of equal spaces; none with an effect or a choice that another process does not know."""
+    class Own(dd.effects.Adhesion):
+        id = "own"
+
+    spaces = [ParameterSpace(dd.Ball(**choice), effects) for choice in ({}, {"truncated": True})
+              for effects in (dd.effects.IMPACT, dd.effects.IMPACT[:3])]
+    assert len({space.text for space in spaces}) == 4 and None not in {space.text for space in spaces}
+    assert spaces[0].text == ParameterSpace(dd.Ball(1.5), dd.effects.IMPACT).text
+    assert ParameterSpace(dd.Ball(), (Own,)).text is None
