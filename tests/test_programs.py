@@ -7,7 +7,7 @@ import pytest
 
 import ddetumble as dd
 from ddetumble.inference import programs
-from ddetumble.inference.parameters import ParameterSpace
+from ddetumble.inference.parameters import Common, ParameterSpace
 
 
 X, Y = jnp.arange(3.0), {"a": jnp.ones(3)}
@@ -101,3 +101,5 @@ def test_a_space_has_a_text_where_all_is_the_packages_own():
     assert len({space.text for space in spaces}) == 4 and None not in {space.text for space in spaces}
     assert spaces[0].text == ParameterSpace(dd.Ball(1.5), dd.effects.IMPACT).text
     assert ParameterSpace(dd.Ball(), (Own,)).text is None
+    shared = [ParameterSpace(dd.Ball(), (), [Common("approach_speed", 0.01, way, "m/s")]) for way in (True, False)]
+    assert shared[0] != shared[1] and shared[0].text != shared[1].text

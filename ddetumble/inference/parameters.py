@@ -99,8 +99,8 @@ class ParameterSpace:
     def key(self) -> tuple:
         """What identifies the space: compiled programs are shared between equal ones."""
         kinds = tuple(type(part) for part in parts_of(self.reference))
-        return (kinds, tuple(list_choices(self.reference).items()), self.effects, tuple(c.column for c in self.commons),
-                self.absent)
+        return (kinds, tuple(list_choices(self.reference).items()), self.effects,
+                tuple((c.column, c.relative) for c in self.commons), self.absent)
 
     @property
     def text(self) -> str | None:
