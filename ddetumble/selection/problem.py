@@ -199,7 +199,8 @@ class SelectionProblem:
     def repeat(self, fitted: Fitted, tolerance: float = 1e-4) -> Fitted:
         """The same model fitted to all samples from where it was (after the noise has changed)."""
         old = fitted.solution
-        return self.file(fitted.effects, self.problem.solve(old.names, old.u, old.z, tolerance=tolerance))
+        z = old.z[:, : len(self.records.nuisances)]  # the hum of another noise comes last, and may not be in this one
+        return self.file(fitted.effects, self.problem.solve(old.names, old.u, z, tolerance=tolerance))
 
     def fit(self, effects: Sequence[str], starts: Sequence[dict[str, float]], base: np.ndarray, z: np.ndarray,
             tolerance: float = 1e-2, extra: Sequence[str] = (), screening: bool = False, thinned: bool = False
