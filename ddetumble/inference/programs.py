@@ -67,7 +67,7 @@ def _prepare(function, static, name, like, arrays, form: str) -> Callable[..., A
         try:
             kept = export.export(flat)(*jax.tree.leaves(arrays))
             data = kept.serialize()
-        except (ValueError, NotImplementedError, ImportError):  # host callbacks, say
+        except (ValueError, NotImplementedError):  # what JAX cannot export, such as host callbacks
             return plain
         with suppress(OSError, InputError):  # a folder that cannot be written keeps nothing, and is no error
             write_whole(path, lambda draft: draft.write_bytes(data))
