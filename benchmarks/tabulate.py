@@ -36,7 +36,7 @@ def read_results():
 
 
 def write_tables(results):
-    """Both tables as Markdown, with the machines they were measured on."""
+    """All tables as Markdown, with the machines they were measured on."""
     parts = []
     compared = [one for one in results if one["benchmark"] == "discover"]
     if compared:
@@ -71,6 +71,11 @@ def write_tables(results):
             rows.append(("error of the worst of 64", *errors, "", ""))
         parts.append(write_table(("", "ours [s]", "heyoka [s]", "SciPy DOP853 [s]", "heyoka over ours",
                                   "SciPy over ours"), rows))
+    for one in (one for one in results if one["benchmark"] == "accelerator"):
+        rows = [(task, f"{run['default']['median_s']:.2g}", f"{run['processor']['median_s']:.2g}",
+                 f"{run['processor']['median_s'] / run['default']['median_s']:.3g}", f"{run['difference']:.0e}")
+                for task, run in one["tasks"].items()]
+        parts.append(write_table(("", f"{one['device']} [s]", "processor [s]", "ratio", "results differ by"), rows))
     machines = list(dict.fromkeys(say_machine(one["machine"]) for one in results))
     parts += [f"Measured on: {machine}." for machine in machines]
     return "\n\n".join(parts) or "No results yet."

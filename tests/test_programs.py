@@ -103,3 +103,12 @@ def test_a_space_has_a_text_where_all_is_the_packages_own():
     assert ParameterSpace(dd.Ball(), (Own,)).text is None
     shared = [ParameterSpace(dd.Ball(), (), [Common("approach_speed", 0.01, way, "m/s")]) for way in (True, False)]
     assert shared[0] != shared[1] and shared[0].text != shared[1].text
+
+
+def test_the_chosen_device_decides(folder, monkeypatch):
+    """Where a GPU is JAX's first device, a program made for the processor is called within its `default_device`."""
+    monkeypatch.setattr(programs.export, "default_export_platform", lambda: "cuda")
+    function = make_function([])
+    with jax.default_device(jax.devices("cpu")[0]):
+        np.testing.assert_array_equal(call(function)["sum"], 2.0 * (X + 1.0))
+    assert len(list_programs(folder)) == 1

@@ -4,6 +4,7 @@ Nothing heavy is imported here; each command imports what it needs when it runs.
 """
 
 import importlib
+import os
 import sys
 from collections.abc import Sequence
 from typing import Annotated
@@ -46,10 +47,14 @@ def _show_help(
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns its exit code: 0, 2 for bad input, 1 for a failure of the computation.
 
+    It runs on the processor unless JAX_PLATFORMS says otherwise.
+
     Args:
         arguments: What stands behind `ddetumble` on the command line; the process's own arguments if not given, and
             then Ctrl-C ends the process itself wherever it is.
     """
+    if "JAX_PLATFORM_NAME" not in os.environ:  # a command's work is too small for a GPU to be worth its start
+        os.environ.setdefault("JAX_PLATFORMS", "cpu")
     if arguments is None:
         watch_interrupts(tell_stopped)
     words = list(sys.argv[1:] if arguments is None else arguments)

@@ -42,15 +42,17 @@ def call_kept(function: Callable[..., Any], static: tuple, name: str | None, lik
     """
     leaves, tree = jax.tree.flatten(arrays)
     shapes = tuple((x.shape, str(x.dtype)) for x in leaves)
-    key = (function, static, tree, shapes)
+    platform = _find_platform()
+    key = (function, static, tree, shapes, platform)
     with _one:  # two threads that want the same program trace it once
         program = _known.get(key)
         if program is None:
-            program = _known[key] = _prepare(function, static, name, like, arrays, f"{tree} {shapes}")
+            program = _known[key] = _prepare(function, static, name, like, arrays, f"{tree} {shapes}",
+                                                         platform)
     return program(*arrays)
 
 
-def _prepare(function, static, name, like, arrays, form: str) -> Callable[..., Any]:
+def _prepare(function, static, name, like, arrays, form: str, platform: str) -> Callable[..., Any]:
     """The function with its static arguments: as kept, or traced now and kept; by itself where it cannot be kept."""
     def plain(*arrays):
         return function(*static, *arrays)
@@ -58,14 +60,14 @@ def _prepare(function, static, name, like, arrays, form: str) -> Callable[..., A
     folder = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
     if name is None or folder is None:
         return plain
-    text = "\n".join([identify_code(), jax.default_backend(), function.__qualname__, name, form])
+    text = "\n".join([identify_code(), platform, function.__qualname__, name, form])
     path = Path(folder) / f"{hashlib.sha256(text.encode()).hexdigest()}{PROGRAM}"
     kept = _read(path)
     if kept is None:
         tree = jax.tree.structure(arrays)
         flat = jax.jit(lambda *leaves: jax.tree.leaves(plain(*jax.tree.unflatten(tree, leaves))))
         try:
-            kept = export.export(flat)(*jax.tree.leaves(arrays))
+            kept = export.export(flat, platforms=[platform])(*jax.tree.leaves(arrays))
             data = kept.serialize()
         except (ValueError, NotImplementedError):  # what JAX cannot export, such as host callbacks
             return plain
@@ -76,6 +78,13 @@ def _prepare(function, static, name, like, arrays, form: str) -> Callable[..., A
                     old.unlink(missing_ok=True)
     run, out = jax.jit(kept.call), jax.tree.structure(like)
     return lambda *arrays: jax.tree.unflatten(out, run(*jax.tree.leaves(arrays)))
+
+
+def _find_platform() -> str:
+    """What a program will run on, in the words of `jax.export`: `jax.default_device` may say another than the first."""
+    chosen = jax.config.jax_default_device  # pyright: ignore[reportAttributeAccessIssue]
+    name = getattr(chosen, "platform", chosen)
+    return "cpu" if name == "cpu" else export.default_export_platform()
 
 
 def _read(path: Path) -> export.Exported | None:
