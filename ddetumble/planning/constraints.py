@@ -26,31 +26,21 @@ PATH = np.linspace(0.1, 1.0, 6)
 
 
 class Constraints(NamedTuple):
-    """All that has to hold, each scaled and at least zero where the plan is allowed: numbers, or an array of each.
+    """All that has to hold, each scaled and at least zero where the plan is allowed: numbers, or an array of each."""
 
-    Attributes:
-        speed: of the arm, squared.
-        approach, force, depression: of the impact.
-        edge, next_edge: distance of the contact disc from the nearest edge and the next, over 0.1 m. The next holds
-            nothing that the nearest does not: in a corner, where the lever arm is largest and the nearest edge changes,
-            it tells a search of the other one, so that both hold it there.
-        side: the chaser's.
-        clear: distance of the ball from the body before and after the impact, over 0.01 m.
-        fastest, slide: largest speeds along the normal and, squared, across it.
-        target: distance from the middle of the area that may be struck, squared.
-    """
-
-    speed: Any
-    approach: Any
+    speed: Any  # of the arm, squared
+    approach: Any  # of the impact
     force: Any
     depression: Any
-    edge: Any
+    edge: Any  # distance of the contact disc from the nearest edge, over 0.1 m
+    # The next edge holds nothing that the nearest does not: in a corner, where the lever arm is largest and the nearest
+    # edge changes, it tells a search of the other one, so that both hold it there.
     next_edge: Any
-    side: Any
-    clear: Any
-    fastest: Any
-    slide: Any
-    target: Any
+    side: Any  # the chaser's
+    clear: Any  # distance of the ball from the body before and after the impact, over 0.01 m
+    fastest: Any  # largest speed along the normal
+    slide: Any  # and across it, squared
+    target: Any  # distance from the middle of the area that may be struck, squared
 
 
 CONSTRAINTS = Constraints("arm's speed", "approach", "peak force", "depression", "edge", "next edge", "reachable side",

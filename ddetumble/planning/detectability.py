@@ -48,30 +48,22 @@ AFTER = 1.45  # contact times that it lasts, so that a contact prolonged by an e
 
 @dc.dataclass(frozen=True)
 class Visible:
-    """One effect of the catalogue.
+    """One effect of the catalogue."""
 
-    Attributes:
-        effect: id; `parameter` its amplitude, `unit` that of `size`.
-        size: public value of the amplitude that would be found with 95 % power, at the shape that shows most; None
-            where no size that physics allows would be.
-        shapes: values of its shape parameters there, public.
-        visible: fraction of its own signature (squared length) that refits leave.
-        closest: effect whose signature is most like it, `cosine` of the two.
-        told: multiple of the departure of `size` from the null from which it is told from `closest`; None where no
-            value that physics allows is.
-        sizes: of each component of a vector, by public name.
-    """
-
-    effect: str
-    parameter: str
-    unit: str
+    effect: str  # id
+    parameter: str  # its amplitude
+    unit: str  # of `size`
+    # Public value of the amplitude that would be found with 95 % power, at the shape that shows most; None where no
+    # size that physics allows would be.
     size: float | None
-    shapes: dict[str, float]
-    visible: float
-    closest: str | None
-    cosine: float
+    shapes: dict[str, float]  # values of its shape parameters there, public
+    visible: float  # fraction of its own signature (squared length) that refits leave
+    closest: str | None  # effect whose signature is most like it
+    cosine: float  # of the two
+    # Multiple of the departure of `size` from the null from which it is told from `closest`; None where no value that
+    # physics allows is.
     told: float | None
-    sizes: dict[str, float]
+    sizes: dict[str, float]  # of each component of a vector, by public name
 
 
 @dc.dataclass(frozen=True)

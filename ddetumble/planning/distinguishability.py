@@ -47,41 +47,27 @@ SLOWEST = ("initial_pressure", "approach_speed")  # a contact lasts as these to 
 
 
 class Preview(eqx.Module):
-    """One test at any conditions as rival models have it.
+    """One test at any conditions as rival models have it."""
 
-    Attributes:
-        space: reference model and the effects of all rivals.
-        channels: measured ones, then those that could be added.
-        names: conditions, in the order of `low`; `free` are the places of those that are chosen.
-        nuisances: of a record, with standard deviations `absolute` and `relative`, shape (nuisances,).
-        time: samples, shape (samples,).
-        weights, taps: whitening filter, shapes (channels, samples) and (channels, samples, TAPS).
-        low, high, logarithmic: limits of the conditions, shape (names,).
-        base, directions: coordinates of every rival and its principal directions, shapes (rivals, parameters) and
-            (rivals, slots, parameters).
-        span: longest time to integrate at `slowest` (pressure and speed), shape ().
-        inputs: further arrays that the family's model reads, by name.
-    """
-
-    space: ParameterSpace = eqx.field(static=True)
-    channels: tuple[str, ...] = eqx.field(static=True)
-    names: tuple[str, ...] = eqx.field(static=True)
-    nuisances: tuple[str, ...] = eqx.field(static=True)
-    free: tuple[int, ...] = eqx.field(static=True)
-    time: Array
-    weights: Array
-    taps: Array
-    low: Array
+    space: ParameterSpace = eqx.field(static=True)  # reference model and the effects of all rivals
+    channels: tuple[str, ...] = eqx.field(static=True)  # measured ones, then those that could be added
+    names: tuple[str, ...] = eqx.field(static=True)  # conditions, in the order of `low`
+    nuisances: tuple[str, ...] = eqx.field(static=True)  # of a record
+    free: tuple[int, ...] = eqx.field(static=True)  # places of the conditions that are chosen
+    time: Array  # samples, shape (samples,)
+    weights: Array  # of the whitening filter, shape (channels, samples)
+    taps: Array  # of it, shape (channels, samples, TAPS)
+    low: Array  # limits of the conditions, shape (names,)
     high: Array
-    logarithmic: Array
-    absolute: Array
+    logarithmic: Array  # whether they are searched by ratios
+    absolute: Array  # standard deviations of the nuisances, shape (nuisances,)
     relative: Array
-    base: Array
-    directions: Array
-    bounds: tuple[Array, Array]
-    span: Array
-    slowest: Array
-    inputs: dict[str, Array]
+    base: Array  # coordinates of every rival, shape (rivals, parameters)
+    directions: Array  # and its principal directions, shape (rivals, slots, parameters)
+    bounds: tuple[Array, Array]  # of the parameters, shapes (parameters,)
+    span: Array  # longest time to integrate at `slowest`, shape ()
+    slowest: Array  # pressure and speed
+    inputs: dict[str, Array]  # further arrays that the family's model reads, by name
 
     def place(self, x: Array) -> Array:
         """Conditions at fractions `x` of their free limits, shape (free,): shape (names,)."""
@@ -115,24 +101,15 @@ class Preview(eqx.Module):
 
 
 class Columns(NamedTuple):
-    """What rivals say of tests.
+    """What rivals say of tests."""
 
-    Attributes:
-        reading: whitened, shape (items, rows).
-        shared, own, chosen: its derivatives by `theta`, by `z` in units of their deviations, and by `x` of
-            `compute_columns`, each shape (items, rows, ...).
-        channels: shape (items, channels, samples), SI.
-        end: of the contact, shape (items,).
-        failed: shape (items,).
-    """
-
-    reading: Any
-    shared: Any
-    own: Any
-    chosen: Any
-    channels: Any
-    end: Any
-    failed: Any
+    reading: Any  # whitened, shape (items, rows)
+    shared: Any  # its derivatives by `theta` of `compute_columns`, shape (items, rows, slots)
+    own: Any  # by `z` in units of their deviations, shape (items, rows, nuisances)
+    chosen: Any  # by `x`, shape (items, rows, free)
+    channels: Any  # shape (items, channels, samples), SI
+    end: Any  # of the contact, shape (items,)
+    failed: Any  # shape (items,)
 
 
 @eqx.filter_jit
@@ -332,22 +309,14 @@ def value_information(preview: Preview, x: np.ndarray, mask: np.ndarray) -> np.n
 
 @dc.dataclass(frozen=True)
 class Distances:
-    """Squared distances of all ordered pairs of rivals at some tests.
+    """Squared distances of all ordered pairs of rivals at some tests."""
 
-    Attributes:
-        pairs: (true, refitted) by number.
-        squares: in noise variances, shape (pairs, tests); `slopes` by the fractions of the free limits.
-        at: the rivals as they stand, `models` by `tests` items.
-        rows: which rows count, shape (tests, rows).
-        failed: tests at which a rival could not be computed, shape (tests,).
-    """
-
-    pairs: tuple[tuple[int, int], ...]
-    squares: np.ndarray
-    slopes: np.ndarray
-    at: Columns
-    rows: np.ndarray
-    failed: np.ndarray
+    pairs: tuple[tuple[int, int], ...]  # (true, refitted) by number
+    squares: np.ndarray  # in noise variances, shape (pairs, tests)
+    slopes: np.ndarray  # of these by the fractions of the free limits, shape (pairs, tests, free)
+    at: Columns  # the rivals as they stand, `models` by `tests` items
+    rows: np.ndarray  # which rows count, shape (tests, rows)
+    failed: np.ndarray  # tests at which a rival could not be computed, shape (tests,)
 
 
 def part_rivals(preview: Preview, x: np.ndarray, mask: np.ndarray, steps: int = 4) -> Distances:

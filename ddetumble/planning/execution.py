@@ -30,50 +30,29 @@ NAMES = {
 
 @dc.dataclass(frozen=True)
 class ErrorSizes:
-    """Standard deviations of what can be wrong; a scenario states them in `[errors]`.
+    """Standard deviations of what can be wrong; a scenario states them in `[errors]`."""
 
-    Attributes:
-        instant: of first touch [s].
-        place: of the place where the arm arrives, along each axis [m].
-        direction: of the arm's velocity, about each axis across it [rad].
-        speed: of the arm, as a fraction of it.
-        rates: of the angular velocity at time 0, of each component, as a fraction of its size.
-        attitude: at time 0, about each axis [rad].
-        inertia: of each principal moment, as a fraction of it.
-        centre: of the centre of mass, along each axis [m].
-        draws: number of draws.
-    """
-
-    instant: float = 0.05
-    place: float = 0.01
-    direction: float = float(np.radians(1.0))
-    speed: float = 0.01
-    rates: float = 0.01
-    attitude: float = float(np.radians(1.0))
-    inertia: float = 0.02
-    centre: float = 0.0
-    draws: int = 64
+    instant: float = 0.05  # of first touch [s]
+    place: float = 0.01  # of the place where the arm arrives, along each axis [m]
+    direction: float = float(np.radians(1.0))  # of the arm's velocity, about each axis across it [rad]
+    speed: float = 0.01  # of the arm, as a fraction of it
+    rates: float = 0.01  # of the angular velocity at time 0, of each component, as a fraction of its size
+    attitude: float = float(np.radians(1.0))  # at time 0, about each axis [rad]
+    inertia: float = 0.02  # of each principal moment, as a fraction of it
+    centre: float = 0.0  # of the centre of mass, along each axis [m]
+    draws: int = 64  # number of draws
 
 
 @dc.dataclass(frozen=True)
 class Spread:
-    """The momentum left under draws of one error, or of all.
+    """The momentum left under draws of one error, or of all."""
 
-    Attributes:
-        error: its name; `all` of all together.
-        size: its standard deviation, SI or as a fraction; nan of all.
-        shares: of the angular momentum left, 1 where the ball misses, shape (draws,) [-].
-        missed: share of the draws in which the ball meets no surface, or an edge of it.
-        violated: share of the draws in which force, depression or another limit of the contact is passed.
-        drift: speed that the blow gives the body, mean and standard deviation [m/s].
-    """
-
-    error: str
-    size: float
-    shares: np.ndarray
-    missed: float
-    violated: float
-    drift: tuple[float, float]
+    error: str  # its name; `all` of all together
+    size: float  # its standard deviation, SI or as a fraction; nan of all
+    shares: np.ndarray  # of the angular momentum left, 1 where the ball misses, shape (draws,) [-]
+    missed: float  # share of the draws in which the ball meets no surface, or an edge of it
+    violated: float  # share of the draws in which force, depression or another limit of the contact is passed
+    drift: tuple[float, float]  # speed that the blow gives the body, mean and standard deviation [m/s]
 
     @property
     def mean(self) -> float:

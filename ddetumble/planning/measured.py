@@ -30,20 +30,13 @@ OF_SLIP = {"normal_load": "peak_normal_force", "internal_pressure": "initial_pre
 
 @dc.dataclass(frozen=True)
 class MeasuredRange:
-    """Values of one quantity over the campaign of a fit.
+    """Values of one quantity over the campaign of a fit."""
 
-    Attributes:
-        quantity: `approach_speed`, `peak_depression`, `peak_normal_force`, ..., or a condition that a scenario gives.
-        low, high: lowest and highest, SI.
-        unit: SI.
-        fit: the folder, as the scenario names it.
-    """
-
-    quantity: str
-    low: float
-    high: float
-    unit: str
-    fit: str
+    quantity: str  # `approach_speed`, `peak_depression`, `peak_normal_force`, ..., or a condition that a scenario gives
+    low: float  # lowest, SI
+    high: float  # highest
+    unit: str  # SI
+    fit: str  # the folder, as the scenario names it
 
 
 @dc.dataclass(frozen=True)

@@ -50,19 +50,14 @@ Fitted = AbstractFitted | FittedModel
 
 @dc.dataclass(frozen=True)
 class Pair:
-    """Two rivals at a proposed test.
+    """Two rivals at a proposed test."""
 
-    Attributes:
-        first, second: their names.
-        distance: what one such test leaves between them after either is refitted, the smaller of both ways [standard
-            deviations of the noise].
-        repeats: of the test until they are told apart; None where no number that can be measured is enough.
-    """
-
-    first: str
+    first: str  # name
     second: str
+    # What one such test leaves between them after either is refitted, the smaller of both ways [standard deviations of
+    # the noise].
     distance: float
-    repeats: int | None
+    repeats: int | None  # of the test until they are told apart; None where no number that can be measured is enough
 
 
 @dc.dataclass(frozen=True)
@@ -80,30 +75,18 @@ class Narrowing:
 
 @dc.dataclass(frozen=True)
 class Proposal:
-    """One test.
+    """One test."""
 
-    Attributes:
-        conditions: SI, by name.
-        extra: channel to add, or None.
-        pairs: of rivals, the worst first; empty where there is one model only.
-        repeats: after which every pair that can be told apart is; None where no pair can.
-        at_limit: conditions that stand at a limit.
-        narrowings: of the parameters, where there is one model only, the most narrowed first.
-        time: samples of the test [s or m], shape (samples,).
-        curves: predicted channels by rival, each shape (channels, samples), SI; `channels` names them.
-        noise: standard deviation of one sample by channel, SI.
-    """
-
-    conditions: Mapping[str, float]
-    extra: Extra | None
-    pairs: tuple[Pair, ...]
-    repeats: int | None
-    at_limit: tuple[str, ...]
-    narrowings: tuple[Narrowing, ...]
-    time: np.ndarray
-    channels: tuple[str, ...]
-    curves: Mapping[str, np.ndarray]
-    noise: Mapping[str, float]
+    conditions: Mapping[str, float]  # SI, by name
+    extra: Extra | None  # channel to add, or None
+    pairs: tuple[Pair, ...]  # of rivals, the worst first; empty where there is one model only
+    repeats: int | None  # after which every pair that can be told apart is; None where no pair can
+    at_limit: tuple[str, ...]  # conditions that stand at a limit
+    narrowings: tuple[Narrowing, ...]  # of the parameters, where there is one model only, the most narrowed first
+    time: np.ndarray  # samples of the test [s or m], shape (samples,)
+    channels: tuple[str, ...]  # names
+    curves: Mapping[str, np.ndarray]  # predicted channels by rival, each shape (channels, samples), SI
+    noise: Mapping[str, float]  # standard deviation of one sample by channel, SI
 
     @property
     def split(self) -> int:

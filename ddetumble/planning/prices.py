@@ -15,17 +15,11 @@ PART, MILLIMETRE, DEGREE, SECOND = 0.01, 1e-3, math.radians(1.0), 1.0
 
 @dc.dataclass(frozen=True)
 class Price:
-    """What an impact would gain if one limit were a little looser, all else optimised again.
+    """What an impact would gain if one limit were a little looser, all else optimised again."""
 
-    Attributes:
-        key: of the scenario.
-        change: of the limit, in words.
-        gain: decrease of what is wanted small [-], to first order.
-    """
-
-    key: str
-    change: str
-    gain: float
+    key: str  # of the scenario
+    change: str  # of the limit, in words
+    gain: float  # decrease of what is wanted small [-], to first order
 
 
 def _widen(limits: Limits, end: float) -> float:

@@ -130,26 +130,16 @@ class StrikeProblem(eqx.Module):
 
 
 class Design(eqx.Module):
-    """One impact in physical quantities.
+    """One impact in physical quantities."""
 
-    Attributes:
-        face: number of the face.
-        point: on the surface, body components from the centre of mass, shape (3,) [m].
-        velocity: of the arm in the frame in which the debris' centre of mass rests, inertial, shape (3,) [m/s].
-        pressure: in the ball [Pa].
-        instant: of first touch [s].
-        attitude, angular_velocity: of the debris then, shapes (4,), (3,) [-], [rad/s].
-        normal: outward, inertial, shape (3,) [-].
-    """
-
-    face: Array
-    point: Array
-    velocity: Array
-    pressure: Array
-    instant: Array
-    attitude: Array
-    angular_velocity: Array
-    normal: Array
+    face: Array  # number of the face
+    point: Array  # on the surface, body components from the centre of mass, shape (3,) [m]
+    velocity: Array  # of the arm in the frame in which the debris' centre of mass rests, inertial, shape (3,) [m/s]
+    pressure: Array  # in the ball [Pa]
+    instant: Array  # of first touch [s]
+    attitude: Array  # of the debris then, shape (4,) [-]
+    angular_velocity: Array  # of the debris then, shape (3,) [rad/s]
+    normal: Array  # outward, inertial, shape (3,) [-]
 
 
 def list_faces(problem: StrikeProblem) -> np.ndarray:

@@ -29,21 +29,13 @@ ROUND = 1e-9  # of a scaled constraint, by which it may be missed: rounding, and
 
 @dc.dataclass(frozen=True)
 class Relaxation:
-    """A limit that stands in the way of every worthwhile impact, and what would do.
+    """A limit that stands in the way of every worthwhile impact, and what would do."""
 
-    Attributes:
-        constraint: its name among `CONSTRAINTS`.
-        key: of the scenario.
-        unit: of both values.
-        given: the limit as it is.
-        needed: one at which an allowed impact that is worth its while was integrated, the tightest that was found.
-    """
-
-    constraint: str
-    key: str
-    unit: str
-    given: float
-    needed: float
+    constraint: str  # its name among `CONSTRAINTS`
+    key: str  # of the scenario
+    unit: str  # of both values
+    given: float  # the limit as it is
+    needed: float  # one at which an allowed impact that is worth its while was integrated, the tightest that was found
 
 
 @dc.dataclass(frozen=True)

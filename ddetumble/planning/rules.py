@@ -21,22 +21,15 @@ BROKEN = 10.0  # of a violated limit, in units of the score: far above any gain,
 
 @dc.dataclass(frozen=True)
 class Blow:
-    """What a rule makes of the place, instant and pressure of a plan.
+    """What a rule makes of the place, instant and pressure of a plan."""
 
-    Attributes:
-        rule: its words.
-        share: of the angular momentum before that it leaves with the plan's arm speed, whatever limits it violates [-];
-            nan where the ball does not strike.
-        violated: names of these limits.
-        speed: of the arm, the best that the limits allow [m/s]; nan where none is allowed.
-        allowed_share: of the angular momentum that this leaves [-].
-    """
-
-    rule: str
+    rule: str  # its words
+    # Of the angular momentum before that it leaves with the plan's arm speed, whatever limits it violates [-]; nan
+    # where the ball does not strike.
     share: float
-    violated: tuple[str, ...]
-    speed: float
-    allowed_share: float
+    violated: tuple[str, ...]  # names of these limits
+    speed: float  # of the arm, the best that the limits allow [m/s]; nan where none is allowed
+    allowed_share: float  # of the angular momentum that this leaves [-]
 
 
 def compare_rules(problem: StrikeProblem, plan: StrikePlan) -> tuple[Blow, ...]:

@@ -56,53 +56,34 @@ Revise = Callable[[StrikeProblem, StrikePlan], StrikePlan]  # from the problem o
 
 @dc.dataclass(frozen=True)
 class Joint:
-    """What came of optimising all impacts of a sequence jointly, which were planned one after the other.
+    """What came of optimising all impacts of a sequence jointly, which were planned one after the other."""
 
-    Attributes:
-        aim: what was brought down: `impacts` (their number), `share` (of the momentum left), `impulse` or `time`.
-        taken: whether the sequence is the one that was optimised jointly; where not, that misses what is wanted.
-        impacts, share, impulse, duration: of that: number, share of the angular momentum left [-], sizes of all contact
-            impulses added up [N s], from time 0 to the last separation [s].
-        alone: the same four of the one that was planned one after the other.
-    """
-
-    aim: str
-    taken: bool
-    impacts: int
-    share: float
-    impulse: float
-    duration: float
-    alone: tuple[int, float, float, float]
+    aim: str  # what was brought down: `impacts` (their number), `share` (of the momentum left), `impulse` or `time`
+    taken: bool  # whether the sequence is the one that was optimised jointly; where not, that misses what is wanted
+    impacts: int  # their number
+    share: float  # of the angular momentum left [-]
+    impulse: float  # sizes of all contact impulses added up [N s]
+    duration: float  # from time 0 to the last separation [s]
+    alone: tuple[int, float, float, float]  # the same four of the one that was planned one after the other
 
 
 @dc.dataclass(frozen=True)
 class Sequence:
-    """Planned impacts, in order.
+    """Planned impacts, in order."""
 
-    Attributes:
-        impacts: each planned from the motion that the one before left.
-        instants: of first touch, since time 0 [s].
-        shares: of the angular momentum left after each [-].
-        impulse: of all contact forces, their sizes added up [N s].
-        reached: whether the wanted share was reached.
-        bound: fewest impacts that could do it, whatever the plan; 0 where none can be given.
-        floor: share that frictionless impacts cannot go below; 0 on surfaces without an axis of revolution.
-        refused: the best further impact where it was not worth its while or not allowed, and the sequence ended.
-        joint: what optimising all impacts jointly made of it, or what one impact less would leave; None where that was
-            not done, or made it no better.
-        relaxations: limits each of which, looser, would allow an impact; looked for where there is none.
-    """
-
-    impacts: tuple[StrikePlan, ...]
-    instants: tuple[float, ...]
-    shares: tuple[float, ...]
-    impulse: float
-    reached: bool
-    bound: int
-    floor: float
+    impacts: tuple[StrikePlan, ...]  # each planned from the motion that the one before left
+    instants: tuple[float, ...]  # of first touch, since time 0 [s]
+    shares: tuple[float, ...]  # of the angular momentum left after each [-]
+    impulse: float  # of all contact forces, their sizes added up [N s]
+    reached: bool  # whether the wanted share was reached
+    bound: int  # fewest impacts that could do it, whatever the plan; 0 where none can be given
+    floor: float  # share that frictionless impacts cannot go below; 0 on surfaces without an axis of revolution
+    # The best further impact where it was not worth its while or not allowed, and the sequence ended.
     refused: StrikePlan | None = None
+    # What optimising all impacts jointly made of it, or what one impact less would leave; None where that was not done,
+    # or made it no better.
     joint: Joint | None = None
-    relaxations: tuple[Relaxation, ...] = ()
+    relaxations: tuple[Relaxation, ...] = ()  # limits each of which, looser, allows an impact, where there is none
 
     @property
     def duration(self) -> float:

@@ -44,20 +44,13 @@ class Tally:
 
 @dc.dataclass(frozen=True)
 class Certificate:
-    """How well a plan is founded.
+    """How well a plan is founded."""
 
-    Attributes:
-        stationarity: what is left of the gradient after the binding constraints' share, over the gradient [-].
-        gradient_error: largest difference of the gradient from central differences, over the gradient [-]; 1 where
-            there is none.
-        binding: names of the constraints and bounds that hold the plan, with their multipliers [-].
-        margin: from the contact disc to the nearest edge [m].
-    """
-
-    stationarity: float
+    stationarity: float  # what is left of the gradient after the binding constraints' share, over the gradient [-]
+    # Largest difference of the gradient from central differences, over the gradient [-]; 1 where there is none
     gradient_error: float
-    binding: dict[str, float]
-    margin: float
+    binding: dict[str, float]  # names of the constraints and bounds that hold the plan, with their multipliers [-]
+    margin: float  # from the contact disc to the nearest edge [m]
 
 
 @dc.dataclass(frozen=True)

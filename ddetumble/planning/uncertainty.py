@@ -56,74 +56,45 @@ class Regret:
 
 @dc.dataclass(frozen=True, eq=False)
 class Outlook:
-    """What a plan does under the draws of one model, or of all.
+    """What a plan does under the draws of one model, or of all."""
 
-    Attributes:
-        weight: of the model.
-        momentum: share of the angular momentum left [-].
-        peak_force: [N].
-        peak_depression: [m].
-        violated: probability that a constraint does not hold, by name.
-        shares: of the momentum left, one a draw, shape (draws,) [-].
-        nominal: share left under the best estimate [-].
-        regret: of a plan for another model where this one is true; of all models together the largest.
-    """
-
-    weight: float
-    momentum: Spread
-    peak_force: Spread
-    peak_depression: Spread
-    violated: dict[str, float]
-    shares: np.ndarray
-    nominal: float
-    regret: Regret
+    weight: float  # of the model
+    momentum: Spread  # share of the angular momentum left [-]
+    peak_force: Spread  # [N]
+    peak_depression: Spread  # [m]
+    violated: dict[str, float]  # probability that a constraint does not hold, by name
+    shares: np.ndarray  # of the momentum left, one a draw, shape (draws,) [-]
+    nominal: float  # share left under the best estimate [-]
+    regret: Regret  # of a plan for another model where this one is true; of all models together the largest
 
 
 @dc.dataclass(frozen=True, eq=False)
 class Assessment:
-    """How sure a plan is.
+    """How sure a plan is."""
 
-    Attributes:
-        tail: share of the draws that counts as the bad tail.
-        whole: over all models, by their weights.
-        models: by name.
-        difference: largest difference of two models' means of the momentum left [-].
-        within: its standard deviation within a model, on average [-].
-        matters: whether it matters for this plan which model is true.
-        sentences: on the spread, and on that.
-        note: where draws and weights come from.
-    """
-
-    tail: float
-    whole: Outlook
-    models: Mapping[str, Outlook]
-    difference: float
-    within: float
-    matters: bool
-    sentences: tuple[str, ...]
-    note: str
+    tail: float  # share of the draws that counts as the bad tail
+    whole: Outlook  # over all models, by their weights
+    models: Mapping[str, Outlook]  # by name
+    difference: float  # largest difference of two models' means of the momentum left [-]
+    within: float  # its standard deviation within a model, on average [-]
+    matters: bool  # whether it matters for this plan which model is true
+    sentences: tuple[str, ...]  # on the spread, and on that
+    note: str  # where draws and weights come from
 
 
 @dc.dataclass(frozen=True, eq=False)
 class Prospect:
-    """What a sequence does under the draws of all models.
+    """What a sequence does under the draws of all models."""
 
-    Attributes:
-        after: share of the angular momentum left after each impact.
-        best: the same under the best estimate, shape (impacts,) [-].
-        reached: probability that no more than the wanted share is left at the end.
-        violated: probability that a constraint of an impact does not hold, by the impact's number and its name; only
-            those that are not nought.
-        lost: probability that the sequence cannot be struck to its end, as an impact misses or cannot be integrated.
-        sentence: all of that in words.
-    """
-
-    after: tuple[Spread, ...]
-    best: np.ndarray
-    reached: float
+    after: tuple[Spread, ...]  # share of the angular momentum left after each impact
+    best: np.ndarray  # the same under the best estimate, shape (impacts,) [-]
+    reached: float  # probability that no more than the wanted share is left at the end
+    # Probability that a constraint of an impact does not hold, by the impact's number and its name; only those that are
+    # not nought
     violated: dict[str, float]
+    # Probability that the sequence cannot be struck to its end, as an impact misses or cannot be integrated
     lost: float
-    sentence: str
+    sentence: str  # all of that in words
 
 
 def find_tail(values: np.ndarray, weights: np.ndarray, tail: float) -> float:
