@@ -16,11 +16,11 @@ from ddetumble.contact.sliding import CoulombFriction
 from ddetumble.dynamics.bodies import Box, Cylinder, Sphere
 from ddetumble.dynamics.collision import simulate_collision
 from ddetumble.dynamics.surfaces import Debris, make_debris, make_polytope
-from ddetumble.planning.execution import ErrorSizes, err_problem, try_errors
+from ddetumble.planning.execution import err_problem, try_errors
 from ddetumble.planning.prices import price_limits
 from ddetumble.planning.problem import Goal, Limits, StrikeProblem, drift, score
 from ddetumble.planning.rules import compare_rules
-from ddetumble.planning.scenario import pose_problem, read_scenario
+from ddetumble.planning.scenario import ErrorTable, pose_problem, read_scenario
 from ddetumble.planning.single import plan_strike
 
 
@@ -165,9 +165,9 @@ def test_a_late_blow_is_one_on_a_turned_body():
 def test_errors_that_vanish_change_nothing(held):
     """In the limit of no error every draw leaves what was planned; larger errors leave more on average."""
     problem, plan = held
-    tiny, usual = (try_errors(problem, plan, dc.replace(ErrorSizes(draws=16), **{
-        name: factor * getattr(ErrorSizes(), name) for name in ("instant", "place", "direction", "speed", "rates",
-                                                                  "attitude", "inertia")})) for factor in (1e-6, 1.0))
+    tiny, usual = (try_errors(problem, plan, ErrorTable(draws=16, **{
+        name: factor * size for name, size in ErrorTable().model_dump(exclude={"draws"}).items()}))
+        for factor in (1e-6, 1.0))
     for one in tiny:
         np.testing.assert_allclose(one.shares, plan.score, atol=1e-5)
         assert one.missed == 0.0 and one.violated == 0.0

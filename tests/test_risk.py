@@ -21,7 +21,7 @@ from ddetumble.dynamics import Cylinder
 from ddetumble.dynamics.surfaces import make_debris
 from ddetumble.inference.archive import load
 from ddetumble.planning.constraints import CONSTRAINTS, evaluate, judge
-from ddetumble.planning.draws import draw_coordinates, draw_laws, draw_normals, draw_posterior, split_laws, vary_law
+from ddetumble.planning.draws import draw_coordinates, draw_laws, draw_normals, draw_posterior, split_batch, vary_law
 from ddetumble.planning.problem import Goal, Limits, StrikeProblem, read_design, strike_debris
 from ddetumble.planning.robust import KEPT, RobustProblem, plan_robust_strike, smooth_tail
 from ddetumble.planning.scenario import pose_laws, pose_problem, read_scenario
@@ -72,7 +72,7 @@ def test_a_sequence_under_every_law(planned):
     laws = vary_law(LAW, STATED, draws=5, seed=2)
     found = assess_sequence(problem, Sequence(impacts, (), (), 0.0, True, 1, 0.0), laws, 0.2, tail=0.4)
     start, left, kept = np.linalg.norm(STAGE.inertia @ problem.angular_velocity), [], []
-    for law in split_laws(laws.draws):
+    for law in split_batch(laws.draws):
         now, own, worst = eqx.tree_at(lambda p: p.law, problem, law), [], []
         for x in rows:
             design = read_design(now, jnp.asarray(names.index(plan.face)), jnp.asarray(x))
@@ -177,7 +177,7 @@ def test_rivals_of_a_discovery_are_one_batch():
     assert leak[owner == 0].std() > 0 and air[owner == 1].std() > 0 and gain[owner == 2].std() > 0
     # The arm's mass is known: no draw has another.
     np.testing.assert_array_equal(laws.draws.reference.ball.inertia(), 10.0)
-    assert "counts the same" in laws.note and len(split_laws(laws.draws)) == 96
+    assert "counts the same" in laws.note and len(split_batch(laws.draws)) == 96
 
 
 def test_weights_of_weigh_are_taken(tmp_path):

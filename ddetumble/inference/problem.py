@@ -107,7 +107,7 @@ def evaluate(space, names, channels, theta, z, stack: Stack, base, directions, l
             lambda e: jax.jvp(f, (theta, own_row), (e[:count], e[count:]), has_aux=True),
             out_axes=(None, -1, None))(jnp.eye(count + own))
         failed = failed | ~jnp.all(jnp.isfinite(model))
-        columns = _weigh(row, failed, jnp.concatenate([(model - row.values)[..., None], jacobian], axis=-1))
+        columns = whiten_columns(row, failed, jnp.concatenate([(model - row.values)[..., None], jacobian], axis=-1))
         residual = jnp.where(failed, FAILED, columns[:, 0])
         return Evaluation(residual, columns[:, 1: count + 1], columns[:, count + 1:], model, state, rate, end, failed)
 
@@ -123,7 +123,7 @@ def simulate_records(space, names, channels, z, stack: Stack, base, low, high) -
         model, (*_, failed) = observe_record(space, names, channels, none, own_row, dc.replace(row, rtol=stack.rtol),
                                              start, still, low, high)
         failed = failed | ~jnp.all(jnp.isfinite(model))
-        return _weigh(row, failed, (model - row.values)[..., None])[:, 0], failed, model
+        return whiten_columns(row, failed, (model - row.values)[..., None])[:, 0], failed, model
 
     return _map_present(one, z, stack, base)
 
@@ -139,7 +139,7 @@ def _map_present(one, z, stack: Stack, base):
     return jax.lax.map(lambda x: jax.lax.cond(x[1].present > 0, one, skip, x), everything)
 
 
-def _weigh(row: Stack, failed: Array, columns: Array) -> Array:
+def whiten_columns(row: Stack, failed: Array, columns: Array) -> Array:
     """Columns over samples of one record whitened, shape (rows, columns); 0 where it failed."""
     # Without the barrier the compiler computes the whole model again for every tap of the filter.
     columns = jax.lax.optimization_barrier(columns)

@@ -48,13 +48,17 @@ CONSTRAINTS = Constraints("arm's speed", "approach", "peak force", "depression",
 
 
 class Parting(eqx.Module):
-    """Body and ball at separation; names as of `Collision`."""
+    """Body and ball at separation, and peaks of the contact; names as of `Collision`."""
 
     attitude: Array
     angular_velocity: Array
     displacement: Array
     velocity: Array
     arm_velocity: Array
+    margins: Array
+    approach_speed: Array
+    peak_force: Array
+    peak_depression: Array
 
 
 def keep_clear(problem: StrikeProblem, design: Design, after: Parting | Collision, radius: Array) -> Array:
@@ -80,30 +84,22 @@ def keep_clear(problem: StrikeProblem, design: Design, after: Parting | Collisio
     return jnp.minimum(jnp.min(earlier), jnp.min(later)) - radius
 
 
-def constrain(problem: StrikeProblem, design: Design, after: Parting | Collision, margins: Array, approach: Array,
-              force: Array, depression: Array) -> Constraints:
-    """The constraints of an impact from its least distances to all edges [m] and its peaks, all SI."""
+def judge(problem: StrikeProblem, design: Design, after: Parting | Collision) -> Constraints:
+    """The constraints of an impact, integrated or estimated."""
     limits = problem.limits
-    nearest = jnp.argmin(margins)
-    others = jnp.where(jnp.arange(margins.size) == nearest, jnp.inf, margins)
+    nearest = jnp.argmin(after.margins)
+    others = jnp.where(jnp.arange(after.margins.size) == nearest, jnp.inf, after.margins)
     # No more than from a metre off: where there is no other edge, there is nothing to be told.
-    edges = jnp.minimum(jnp.stack([margins[nearest], jnp.min(others)]) - limits.edge, 1.0) / 0.1
+    edges = jnp.minimum(jnp.stack([after.margins[nearest], jnp.min(others)]) - limits.edge, 1.0) / 0.1
     radius = find_height(problem.law.reference.ball.diameter(), jnp.zeros(()))
-    surface = rotate(design.attitude, jnp.cross(design.angular_velocity, design.point))
-    met = design.velocity - surface
+    met = design.velocity - rotate(design.attitude, jnp.cross(design.angular_velocity, design.point))
     across = jnp.sum(met**2) - jnp.dot(met, design.normal) ** 2
     return Constraints(
-        1.0 - jnp.sum(design.velocity**2) / limits.speed**2, approach / limits.approach - 1.0,
-        1.0 - force / limits.force, 1.0 - depression / limits.depression, edges[0], edges[1],
+        1.0 - jnp.sum(design.velocity**2) / limits.speed**2, after.approach_speed / limits.approach - 1.0,
+        1.0 - after.peak_force / limits.force, 1.0 - after.peak_depression / limits.depression, edges[0], edges[1],
         jnp.dot(design.normal, limits.chaser) - jnp.cos(limits.cone), keep_clear(problem, design, after, radius) / 0.01,
-        1.0 - approach / limits.fastest, 1.0 - across / limits.slide**2,
+        1.0 - after.approach_speed / limits.fastest, 1.0 - across / limits.slide**2,
         1.0 - jnp.sum((design.point - limits.target) ** 2) / limits.radius**2)
-
-
-def judge(problem: StrikeProblem, design: Design, collision: Collision) -> Constraints:
-    """The constraints of an impact that was integrated."""
-    return constrain(problem, design, collision, collision.margins, collision.approach_speed, collision.peak_force,
-                     collision.peak_depression)
 
 
 @eqx.filter_jit

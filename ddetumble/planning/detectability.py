@@ -37,6 +37,7 @@ from ..measurement.tables import Table, convert_column, read_table
 from ..measurement.units import check_unit, parse_quantity, parse_uncertainty, si_unit
 from ..selection.detectability import Signature, detectable_length, find_size, reach_limit
 from ..selection.problem import SelectionProblem, pose_selection
+from .setting_ranges import read_channels, read_noise
 
 
 FILE = "map.json"
@@ -108,7 +109,7 @@ class Visibility(AbstractPrinted):
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON can hold it."""
-        return make_plain({**{f.name: getattr(self, f.name) for f in dc.fields(self)}, "versions": list_versions()})
+        return make_plain(self) | {"versions": list_versions()}
 
     def save(self, folder: Path | str) -> Path:
         """Write `map.json` into a folder (made if it is not there); returns its path."""
@@ -349,7 +350,7 @@ def read_plan(path: Path | str, model: Model = "paper", *, channels: Sequence[st
 def _read_channels(channels: Sequence[str] | None, family: Family) -> dict[str, float]:
     """Standard deviation of the noise of what is measured, SI."""
     usual = family.plan.noise
-    pairs = read_pairs("channel", [c.replace(":", "=", 1) for c in channels] if channels else usual)
+    pairs = read_channels(channels or usual)
     for name, parts in (("attitude", ATTITUDES[:4]), ("angular_velocity", RATES)):
         if name in pairs:
             pairs |= dict.fromkeys(parts, pairs.pop(name))
@@ -358,10 +359,7 @@ def _read_channels(channels: Sequence[str] | None, family: Family) -> dict[str, 
         if name not in family.channels:
             raise InputError(f"--channel: {name!r} is not a channel of these tests, which are "
                              + ", ".join(family.channels))
-        noise = parse_uncertainty(pairs.get(name) or usual.get(name, ""), check_unit(si_unit(name), name), name)
-        if noise.absolute is None:
-            raise InputError(f"--channel {name}: the noise must be absolute, with a unit")
-        found[name] = noise.absolute
+        found[name] = read_noise(name, pairs.get(name) or usual.get(name, ""))
     return found
 
 

@@ -32,7 +32,7 @@ from ..families.starts import FREE
 from ..inference.archive import FittedModel
 from ..inference.noise import TAPS, Noise, whitening
 from ..inference.parameters import ParameterSpace
-from ..inference.problem import observe_record
+from ..inference.problem import observe_record, whiten_columns
 from ..inference.stack import Stack
 from .setting_ranges import Extra, Limit
 
@@ -114,27 +114,21 @@ class Columns(NamedTuple):
 
 @eqx.filter_jit
 def _compute(preview: Preview, which: Array, x: Array, theta: Array, z: Array) -> Columns:
-    def whiten(y):
-        size, late = y.shape[1], jnp.pad(y, ((0, 0), (TAPS, 0)))
-        white = y
-        for k in range(TAPS):
-            white = white - preview.taps[..., k] * late[:, TAPS - k - 1: TAPS - k - 1 + size]
-        return (white * preview.weights).reshape(-1)
-
     def one(k, chosen, moved, own):
         def f(a, b, c):
             model, (_, _, end, failed) = observe_record(
                 preview.space, preview.nuisances, preview.channels, a, b, preview.fill_stack(c), preview.base[k],
                 preview.directions[k], *preview.bounds)
-            return whiten(model), (model, end, failed | ~jnp.all(jnp.isfinite(model)))
+            return model, (end, failed | ~jnp.all(jnp.isfinite(model)))
 
         first, second = moved.size, moved.size + own.size
         unit = jnp.eye(second + chosen.size)
-        reading, columns, (model, end, failed) = jax.vmap(
+        model, slopes, (end, failed) = jax.vmap(
             lambda e: jax.jvp(f, (moved, own, chosen), (e[:first], e[first:second], e[second:]), has_aux=True),
             out_axes=(None, -1, None))(unit)
-        reading, columns = (jnp.where(failed | ~jnp.isfinite(v), 0.0, v) for v in (reading, columns))
-        return Columns(reading, columns[:, :first], columns[:, first:second], columns[:, second:], model, end, failed)
+        white = whiten_columns(preview.fill_stack(chosen), failed, jnp.concatenate([model[..., None], slopes], axis=-1))
+        shared, rest, places = jnp.split(white[:, 1:], (first, second), axis=1)
+        return Columns(white[:, 0], shared, rest, places, model, end, failed)
 
     return jax.vmap(one)(which, x, theta, z)
 
@@ -217,7 +211,6 @@ def preview_test(models: Sequence[FittedModel], limits: Sequence[Limit], extras:
 
 def thinning_factor(noise: Noise, thin: float) -> float:
     """Information of all samples on a slow curve over that of every `thin`-th one: ratio of the spectra at zero."""
-
     def level(rho, interval):
         return interval * (noise.white_share + (1.0 - noise.white_share) * (1.0 + rho) / (1.0 - rho))
 

@@ -6,7 +6,7 @@ batched tree, and one compiled program computes any of them.
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, final
+from typing import Any, TypeVar, final
 
 import equinox as eqx
 import jax
@@ -18,13 +18,14 @@ from scipy.stats import qmc
 from .._errors import InputError
 from ..contact.effect import parameters_of, read_field
 from ..contact.gripping import StrikeLaw
-from ..inference.archive import FILE as MODEL
 from ..inference.archive import AbstractFitted, FittedModel, load, take_fitted
 from ..inference.parameters import ParameterSpace
 from ..posterior.result import FILE as POSTERIOR
 from ..posterior.stacking import FILE as WEIGHTS
-from ..posterior.stacking import name_rival, read_weights
-from ..selection.result import RIVALS
+from ..posterior.stacking import list_rivals, name_rival, read_weights
+
+
+Tree = TypeVar("Tree")
 
 
 @final
@@ -62,10 +63,10 @@ class Laws(eqx.Module):
         return np.arange(len(self.shares())) * len(self.names) // len(self.shares())
 
 
-def split_laws(batch: StrikeLaw) -> list[StrikeLaw]:
-    """The laws of a batch, one by one."""
-    leaves, tree = jax.tree.flatten(batch)
-    return [jax.tree.unflatten(tree, [leaf[k] for leaf in leaves]) for k in range(leaves[0].shape[0])]
+def split_batch(batch: Tree) -> list[Tree]:
+    """What a tree of arrays with one first axis holds, one by one."""
+    leaves, tree = jax.tree.flatten(jax.tree.map(np.asarray, batch))
+    return [jax.tree.unflatten(tree, [jnp.asarray(leaf[k]) for leaf in leaves]) for k in range(len(leaves[0]))]
 
 
 def draw_normals(count: int, size: int, seed: int) -> np.ndarray:
@@ -125,11 +126,8 @@ def find_models(folder: Path) -> tuple[list[tuple[str, FittedModel, float]], str
         total = sum(weight for *_, weight in rivals)
         return ([(name, load(place), weight / total) for name, place, weight in rivals],
                 "The models count by the weights that average gave them.")
-    rivals = (file.parent for file in (folder / RIVALS).glob(f"*/{MODEL}"))
-    places = [folder, *sorted(rivals, key=lambda place: (len(place.name), place.name))]
-    models = [load(place) for place in places]
-    note = ("" if len(models) == 1 else
-            "The models have no weights (average computes them), so each counts the same.")
+    models = [load(place) for place in list_rivals(folder)]
+    note = "" if len(models) == 1 else "The models have no weights (average computes them), so each counts the same."
     return [(name_rival(one.effects), one, 1.0 / len(models)) for one in models], note
 
 
@@ -198,13 +196,11 @@ def vary_law(law: StrikeLaw, stated: Mapping[str, tuple[float | None, float]],
     u = space.coordinates(own)
     low, high = space.bounds()
     names = list(stated)
-    roots = np.zeros((len(names), len(space)))
-    sds = np.zeros(len(names))
+    roots, sds = np.zeros((len(names), len(space))), np.zeros(len(names))
     for row, (name, (mean, sd)) in enumerate(stated.items()):
         if name not in space.index:
             raise InputError(f"there is no parameter {name!r} in this model; its parameters are: "
-                             f"{', '.join(space.index)}",
-                             key="uncertainty.parameters")
+                             f"{', '.join(space.index)}", key="uncertainty.parameters")
         k = space.index[name]
         transform = space.parameter(name).transform
         try:

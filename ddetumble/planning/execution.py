@@ -5,10 +5,9 @@ the ball then meets is the nearest place of the true body's surface.
 """
 
 import dataclasses as dc
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -16,7 +15,9 @@ from jaxtyping import Array
 from .._numerics import safe_sqrt
 from .._rotation import from_rotation_vector, multiply, rotate, rotate_back
 from ..dynamics.surfaces import OffsetSurface
-from .problem import Design, StrikeProblem, drift, strike_debris
+from .draws import split_batch
+from .problem import Design, StrikeProblem, drift, measure_share, strike_debris
+from .scenario import ErrorTable
 from .single import StrikePlan
 
 
@@ -27,20 +28,6 @@ NAMES = {
     "centre": "the centre of mass",
 }  # fmt: skip
 
-
-@dc.dataclass(frozen=True)
-class ErrorSizes:
-    """Standard deviations of what can be wrong; a scenario states them in `[errors]`."""
-
-    instant: float = 0.05  # of first touch [s]
-    place: float = 0.01  # of the place where the arm arrives, along each axis [m]
-    direction: float = float(np.radians(1.0))  # of the arm's velocity, about each axis across it [rad]
-    speed: float = 0.01  # of the arm, as a fraction of it
-    rates: float = 0.01  # of the angular velocity at time 0, of each component, as a fraction of its size
-    attitude: float = float(np.radians(1.0))  # at time 0, about each axis [rad]
-    inertia: float = 0.02  # of each principal moment, as a fraction of it
-    centre: float = 0.0  # of the centre of mass, along each axis [m]
-    draws: int = 64  # number of draws
 
 
 @dc.dataclass(frozen=True)
@@ -65,44 +52,39 @@ class Spread:
         return float(np.quantile(self.shares, 0.95))
 
 
-def try_errors(problem: StrikeProblem, plan: StrikePlan, sizes: ErrorSizes, seed: int = 0) -> tuple[Spread, ...]:
+def try_errors(problem: StrikeProblem, plan: StrikePlan, errors: ErrorTable, seed: int = 0) -> tuple[Spread, ...]:
     """Momentum left by a planned impact under errors drawn of each kind alone, and of all together.
 
     Args:
         problem: as it was thought to be.
         plan: of it.
-        sizes: standard deviations, and the number of draws.
+        errors: standard deviations, and the number of draws.
         seed: of the draws.
 
     Returns:
         One `Spread` a kind whose size is not zero, in the order of `NAMES`, and last that of all together.
     """
     random = np.random.default_rng(seed)
-    alone = [name for name in NAMES if getattr(sizes, name) > 0.0]
-    groups = [(name,) for name in alone] + [tuple(alone)]
-    errors = {name: np.zeros((len(groups), sizes.draws, 3)) for name in NAMES}
+    sizes = {name: size for name, size in errors.sizes().items() if size > 0.0}
+    groups = [*((name,) for name in sizes), tuple(sizes)]
+    drawn = {name: np.zeros((len(groups), errors.draws, 3)) for name in NAMES if name in sizes or name != "centre"}
     for k, group in enumerate(groups):
         for name in group:
-            errors[name][k] = getattr(sizes, name) * random.normal(size=(sizes.draws, 3))
-    flat = {name: jnp.asarray(drawn.reshape(-1, 3)) for name, drawn in errors.items()
-            if sizes.centre or name != "centre"}
-    rows = [_strike_wrongly(*one) for one in _meet(problem, plan.design, flat)]
-    share, missed, violated, drifted = (np.reshape(one, (len(groups), -1)) for one in zip(*rows, strict=True))
-    return tuple(Spread(groups[k][0] if k < len(alone) else "all",
-                        float(getattr(sizes, alone[k])) if k < len(alone) else float("nan"), share[k],
-                        float(missed[k].mean()), float(violated[k].mean()),
-                        (float(drifted[k].mean()), float(drifted[k].std()))) for k in range(len(groups)))
+            drawn[name][k] = sizes[name] * random.normal(size=(errors.draws, 3))
+    met = _err_all(problem, plan.design, {name: jnp.asarray(own.reshape(-1, 3)) for name, own in drawn.items()})
+    # One by one, as the program of one impact is there already and that of many would have to be compiled.
+    rows = [_strike_wrongly(*one) for one in split_batch(met)]
+    columns = (np.reshape(one, (len(groups), -1)) for one in zip(*rows, strict=True))
+    return tuple(Spread(name, sizes.get(name, np.nan), share, float(missed.mean()), float(violated.mean()),
+                        (float(drifted.mean()), float(drifted.std())))
+                 for name, share, missed, violated, drifted in zip((*sizes, "all"), *columns, strict=True))
 
 
 @eqx.filter_jit
 def _err_all(problem: StrikeProblem, design: Design, errors: Mapping[str, Array]
              ) -> tuple[StrikeProblem, Design, Array]:
-    """True problem, design, and distance of first touch from an edge [m], all with a first axis of draws.
-
-    Args:
-        problem: as it was thought to be.
-        design: that was planned of it.
-        errors: three numbers a draw by name, of which some need fewer, SI or as a fraction, shapes (draws, 3).
+    """True problem, design, and distance of first touch from an edge [m], all with a first axis of draws; errors are
+    three numbers a draw by name, of which some need fewer, SI or as a fraction, shapes (draws, 3).
     """
     def one(error: Mapping[str, Array]) -> tuple[StrikeProblem, Design, Array]:
         true = err_problem(problem, error)
@@ -119,19 +101,7 @@ def _err_all(problem: StrikeProblem, design: Design, errors: Mapping[str, Array]
     return eqx.filter_vmap(one)(errors)
 
 
-def _meet(problem: StrikeProblem, design: Design, errors: Mapping[str, Array]
-          ) -> Iterator[tuple[StrikeProblem, Design, float]]:
-    """The same draw by draw; the impacts themselves are struck one by one, as the program of one is there already and
-    that of many would have to be compiled.
-    """
-    arrays, rest = eqx.partition(_err_all(problem, design, errors), eqx.is_array)
-    leaves, tree = jax.tree.flatten(jax.tree.map(np.asarray, arrays))
-    for k in range(len(errors["place"])):
-        true, met, margin = eqx.combine(jax.tree.unflatten(tree, [jnp.asarray(leaf[k]) for leaf in leaves]), rest)
-        yield true, met, float(margin)
-
-
-def _strike_wrongly(true: StrikeProblem, met: Design, margin: float) -> tuple[float, bool, bool, float]:
+def _strike_wrongly(true: StrikeProblem, met: Design, margin: Array) -> tuple[float, bool, bool, float]:
     """Share left, whether the ball misses, whether a limit is passed, and the drift [m/s]."""
     approach = (np.asarray(met.velocity) - np.asarray(rotate(met.attitude, jnp.cross(met.angular_velocity, met.point)))
                 ) @ -np.asarray(met.normal)
@@ -142,9 +112,7 @@ def _strike_wrongly(true: StrikeProblem, met: Design, margin: float) -> tuple[fl
         return 1.0, True, False, 0.0
     violated = (float(after.peak_force) > (1.0 + PASSED) * float(limits.force) or float(after.margin) < 0.0
                 or float(after.peak_depression) > (1.0 + PASSED) * float(limits.depression))
-    inertia = np.asarray(true.debris.inertia)
-    share = np.linalg.norm(inertia @ after.angular_velocity) / np.linalg.norm(inertia @ true.angular_velocity)
-    return float(share), False, violated, float(np.linalg.norm(after.velocity))
+    return measure_share(true, after.angular_velocity), False, violated, float(np.linalg.norm(after.velocity))
 
 
 def err_problem(problem: StrikeProblem, error: Mapping[str, Array]) -> StrikeProblem:

@@ -26,6 +26,9 @@ SPAN = 1.0  # s, after which no impact of a campaign lasts: long against any con
 # What conditions of slip records are of an impact.
 OF_SLIP = {"normal_load": "peak_normal_force", "internal_pressure": "initial_pressure",
            "slip_speed": "tangential_speed"}
+# Fields of `Limits` that what was measured bounds from above.
+LIMITED = {"approach_speed": "fastest", "tangential_speed": "slide", "peak_normal_force": "force",
+           "peak_depression": "depression"}
 
 
 @dc.dataclass(frozen=True)
@@ -131,25 +134,23 @@ def confine(problem: StrikeProblem, ranges: Sequence[MeasuredRange]) -> StrikePr
     if not ranges:
         raise InputError("no plan can stay within what was measured, as the contact is not that of a fit; name the "
                          "folder of one as ball.model, or leave this out", key="limits.within")
-    limits, kept = problem.limits, {}
+    limits = problem.limits
+    low, high = (float(end) for end in limits.pressure)
+    kept = {field: float(getattr(limits, field)) for field in ("approach", *LIMITED.values())}
     for one in ranges:
         if one.quantity == "initial_pressure":
-            low, high = (float(x) for x in kept.get("pressure", limits.pressure))
-            kept["pressure"] = np.array([max(low, one.low), min(high, one.high)])
-        for field, quantity in (("fastest", "approach_speed"), ("slide", "tangential_speed"),
-                                ("force", "peak_normal_force"), ("depression", "peak_depression")):
-            if one.quantity == quantity:
-                kept[field] = min(float(kept.get(field, getattr(limits, field))), one.high)
+            low, high = max(low, one.low), min(high, one.high)
         if one.quantity == "approach_speed":
-            kept["approach"] = max(float(kept.get("approach", limits.approach)), one.low)
-    low, high = (float(x) for x in kept.get("pressure", limits.pressure))
-    for name, least, most, unit in (("initial_pressure", low, high, "Pa"), (
-            "approach_speed", float(kept.get("approach", limits.approach)), float(kept.get("fastest", np.inf)), "m/s")):
+            kept["approach"] = max(kept["approach"], one.low)
+        if one.quantity in LIMITED:
+            kept[LIMITED[one.quantity]] = min(kept[LIMITED[one.quantity]], one.high)
+    for name, least, most, unit in (("initial_pressure", low, high, "Pa"),
+                                    ("approach_speed", kept["approach"], kept["fastest"], "m/s")):
         if least > most:
             raise InputError(f"the limits of the {describe_quantity(name).name} leave nothing of what was measured: "
                              f"{say_value(name, least, unit)} would have to be below {say_value(name, most, unit)}",
                              key="limits.within")
-    return dc.replace(problem, limits=dc.replace(limits, **kept), unit=None)
+    return dc.replace(problem, limits=dc.replace(limits, pressure=np.array([low, high]), **kept), unit=None)
 
 
 def format_extrapolation(found: Extrapolation) -> str:

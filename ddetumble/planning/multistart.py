@@ -13,7 +13,7 @@ from scipy.stats import qmc
 from .._rotation import rotate, rotate_back
 from ..contact.damping import damped_work
 from ..contact.gripping import Patch, find_height
-from .constraints import Parting, constrain
+from .constraints import Parting, judge
 from .problem import SLIPS, SPEED, VARIABLES, StrikeProblem, list_faces, reach_speed, read_design, score, span_plane
 
 
@@ -135,8 +135,8 @@ def _estimate(problem: StrikeProblem, face: Array, x: Array) -> Array:
     back = normal * (normal @ push) / reference.ball.inertia()
     slowed = (push - normal * (normal @ push)) / reference.tangential_mass
     parting = Parting(design.attitude, after, jnp.zeros(3), rotate(design.attitude, push) / debris.mass,
-                      design.velocity - rotate(design.attitude, back + slowed))
-    return jnp.stack([score(problem, after), *constrain(problem, design, parting, margins, speed, force, depth)])
+                      design.velocity - rotate(design.attitude, back + slowed), margins, speed, force, depth)
+    return jnp.stack([score(problem, after), *judge(problem, design, parting)])
 
 
 def estimate_score(problem: StrikeProblem, face: int, x: np.ndarray) -> float:

@@ -14,12 +14,12 @@ from scipy.stats import qmc
 from .._display import AbstractPrinted, Progress
 from .._errors import ComputationError, InputError
 from ..families import find_family, list_families
-from ..inference.archive import FILE as MODEL
 from ..inference.archive import AbstractFitted, FittedModel, load, take_fitted
 from ..inference.files import list_versions, make_plain, write_json
 from ..measurement.quantities import describe_quantity, format_plain, join_words
+from ..posterior.stacking import list_rivals
 from ..selection.discovery import Discovery
-from ..selection.result import RESULT, RIVALS
+from ..selection.result import RESULT
 from ..selection.settings import DEFAULT
 from .distinguishability import (
     Distances,
@@ -209,7 +209,7 @@ def _read_confused(folder: Path) -> tuple[list[FittedModel], str]:
         verdict, expected = str(content["verdict"]), [str(e) for e in content["steps"][-1]["alternatives"]]
     except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError, RecursionError):
         raise InputError("this is not a result of discover, or is damaged; run discover again", file=result) from None
-    rivals = [load(path.parent) for path in sorted((folder / RIVALS).glob(f"*/{MODEL}"))]
+    rivals = [load(place) for place in list_rivals(folder)[1:]]
     if len(rivals) < len(expected):
         raise InputError(f"the rivals ({', '.join(expected)}) are not in this folder; run discover again", file=folder)
     for one in rivals:

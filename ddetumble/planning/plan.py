@@ -11,7 +11,7 @@ from ..contact.gripping import StrikeLaw
 from ..inference.archive import AbstractFitted, FittedModel, take_fitted
 from ..measurement.units import format_time
 from .draws import Laws, draw_laws
-from .execution import ErrorSizes, Spread, try_errors
+from .execution import Spread, try_errors
 from .measured import (
     MeasuredRange,
     confine,
@@ -24,7 +24,7 @@ from .prices import Price, price_limits
 from .problem import StrikeProblem
 from .robust import plan_robust_strike
 from .rules import Blow, compare_rules
-from .scenario import Scenario, find_scenario, pose_laws, pose_problem, read_errors, read_scenario
+from .scenario import ErrorTable, Scenario, find_scenario, pose_laws, pose_problem, read_scenario
 from .sequence import Joint, Sequence, plan_together
 from .single import LEAST_GAIN, STARTS, StrikePlan
 from .uncertainty import Assessment, Prospect, assess_plan, assess_sequence
@@ -67,7 +67,7 @@ class PlanSettings:
     starts: int = STARTS
     seed: int = 0
     within: Literal["", "measured"] = ""
-    errors: ErrorSizes = ErrorSizes()
+    errors: ErrorTable = ErrorTable()
     chaser_mass: float | None = None
 
 
@@ -228,7 +228,7 @@ def plan_scenario(scenario: Scenario, here: Path, path: Path | None = None, *, p
     goal, table = scenario.goal, scenario.uncertainty
     settings = PlanSettings(goal.impacts, goal.share, goal.least, starts=scenario.starts, seed=scenario.seed,
                             within=scenario.limits.within, chaser_mass=scenario.arm.chaser_mass,
-                            errors=read_errors(scenario.errors))
+                            errors=scenario.errors)
     if table is not None:
         settings = dc.replace(settings, plan_for=table.plan_for, tail=table.tail, draws=table.draws)
     found = _plan(problem, dc.replace(settings, **changes), laws, ranges, progress=progress)

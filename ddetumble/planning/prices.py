@@ -1,16 +1,32 @@
-"""What each limit of a plan costs: its multiplier, in words of the scenario."""
+"""What limits cost: the multiplier of each that holds a plan, in words of the scenario; and, of no plan, which of them,
+loosened alone, would let an impact be worth its while.
+
+For the second, closed forms say from which value on; a design there is refined on the integrated impact, which proves
+that this value does.
+"""
 
 import dataclasses as dc
 import math
 from collections.abc import Callable
 
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
 from .constraints import CONSTRAINTS
-from .problem import Limits
-from .single import StrikePlan
+from .multistart import Place, evolve_designs, find_bounds
+from .problem import Limits, StrikeProblem, allow_speed, score
+from .single import ALLOWED, LEAST_GAIN, LOST, StrikePlan, Tally, ask_scipy, descend
 
 
 # By how much a limit is loosened to state its price: small against the limit, and a number that people can picture.
 PART, MILLIMETRE, DEGREE, SECOND = 0.01, 1e-3, math.radians(1.0), 1.0
+STARTS, STEPS = 2, 80  # of designs that are refined for advice, and steps at most: cheaper than the plan's own search
+# Ratio of the limit under which they are refined to the one that closed forms see, which may err by that much.
+LOOSER = 1.5
+# Added to the worth of designs that violate something, far above any worth, so that all others come first.
+VIOLATED = 1e3
+ROUND = 1e-9  # of a scaled constraint, by which it may be missed: rounding, and no more
 
 
 @dc.dataclass(frozen=True)
@@ -22,10 +38,10 @@ class Price:
     gain: float  # decrease of what is wanted small [-], to first order
 
 
-def _widen(limits: Limits, end: float) -> float:
+def _widen(limits: Limits, end: int) -> float:
     """Change of the scaled pressure that a bound moved by a part of itself allows."""
-    low, high = (float(one) for one in limits.pressure)
-    return 2.0 * PART * end / (high - low)
+    ends = [float(one) for one in limits.pressure]
+    return 2.0 * PART * ends[end] / (ends[1] - ends[0])
 
 
 def _wait(limits: Limits) -> float:
@@ -34,7 +50,7 @@ def _wait(limits: Limits) -> float:
 
 
 # Key, change, and how much the scaled constraint or variable then allows.
-LIMITS: dict[str, tuple[str, str, Callable[[Limits], float]]] = {
+PRICES: dict[str, tuple[str, str, Callable[[Limits], float]]] = {
     CONSTRAINTS.speed: ("arm.speed", "1 % more", lambda limits: 2.0 * PART),
     CONSTRAINTS.force: ("limits.force", "1 % more", lambda limits: PART),
     CONSTRAINTS.depression: ("limits.depression", "1 % more", lambda limits: PART),
@@ -45,10 +61,8 @@ LIMITS: dict[str, tuple[str, str, Callable[[Limits], float]]] = {
     CONSTRAINTS.fastest: ("limits.within", "measured 1 % faster", lambda limits: PART),
     CONSTRAINTS.slide: ("limits.within", "measured sliding 1 % faster", lambda limits: 2.0 * PART),
     CONSTRAINTS.target: ("limits.target_radius", "1 % more", lambda limits: 2.0 * PART),
-    "highest pressure": ("limits.pressure", "the highest 1 % more", lambda limits: _widen(
-        limits, float(limits.pressure[1]))),
-    "lowest pressure": ("limits.pressure", "the lowest 1 % less", lambda limits: _widen(
-        limits, float(limits.pressure[0]))),
+    "highest pressure": ("limits.pressure", "the highest 1 % more", lambda limits: _widen(limits, 1)),
+    "lowest pressure": ("limits.pressure", "the lowest 1 % less", lambda limits: _widen(limits, 0)),
     "highest instant": ("limits.window", "1 s later", _wait),
     "lowest instant": ("limits.window", "1 s earlier", _wait),
 }
@@ -62,8 +76,133 @@ def price_limits(limits: Limits, plan: StrikePlan) -> tuple[Price, ...]:
     """
     found: dict[tuple[str, str], float] = {}
     for name, multiplier in plan.certificate.binding.items():
-        if name in LIMITS and multiplier > 0.0:
-            key, change, allow = LIMITS[name]
+        if name in PRICES and multiplier > 0.0:
+            key, change, allow = PRICES[name]
             found[key, change] = found.get((key, change), 0.0) + multiplier * allow(limits)
     return tuple(sorted((Price(key, change, gain) for (key, change), gain in found.items()),
                         key=lambda price: -price.gain))
+
+
+@dc.dataclass(frozen=True)
+class Relaxation:
+    """A limit that stands in the way of every worthwhile impact, and what would do."""
+
+    constraint: str  # its name among `CONSTRAINTS`
+    key: str  # of the scenario
+    unit: str  # of both values
+    given: float  # the limit as it is
+    needed: float  # one at which an allowed impact that is worth its while was integrated, the tightest that was found
+
+
+@dc.dataclass(frozen=True)
+class _Limit:
+    """How one limit is loosened: its key and unit in the scenario, which is `scale` in that of the `field` of `Limits`;
+    the constraints that it sets, the one that holds a design first; a value that hardly limits anything; the limit that
+    a design just keeps, from the loosened limit and the least of its scaled constraints; `sign` -1 where the quantity
+    has to stay above.
+    """
+
+    key: str
+    unit: str
+    field: str
+    constraints: tuple[str, ...]
+    loosen: Callable[[StrikeProblem], float]
+    read: Callable[[float, np.ndarray], np.ndarray]
+    sign: float = 1.0
+    scale: float = 1.0
+
+
+def _halve_ball(problem: StrikeProblem) -> float:
+    """Half of the ball's diameter, up to where the contact geometry holds; of a pad, ten times its limit [m]."""
+    diameter, given = float(problem.law.reference.ball.diameter()), float(problem.limits.depression)
+    return max(0.5 * diameter, given) if diameter else 10.0 * given
+
+
+LIMITS = (
+    _Limit("limits.force", "N", "force", (CONSTRAINTS.force,), lambda problem: 1e6,
+           lambda limit, c: limit * (1.0 - c)),
+    _Limit("limits.depression", "m", "depression", (CONSTRAINTS.depression,), _halve_ball,
+           lambda limit, c: limit * (1.0 - c)),
+    _Limit("arm.speed", "m/s", "speed", (CONSTRAINTS.speed,), lambda problem: 100.0,
+           lambda limit, c: limit * np.sqrt(np.maximum(1.0 - c, 0.0))),
+    _Limit("limits.approach", "m/s", "approach", (CONSTRAINTS.approach,),
+           lambda problem: 1e-3 * float(problem.limits.approach), lambda limit, c: limit * (1.0 + c), sign=-1.0),
+    _Limit("limits.edge", "m", "edge", (CONSTRAINTS.edge, CONSTRAINTS.next_edge), lambda problem: 0.0,
+           lambda limit, c: limit + 0.1 * c, sign=-1.0),
+    _Limit("arm.cone_degrees", "°", "cone", (CONSTRAINTS.side,), lambda problem: math.pi,
+           lambda limit, c: np.arccos(np.clip(c + math.cos(limit), -1.0, 1.0)), scale=math.radians(1.0)),
+)
+
+
+def find_relaxations(problem: StrikeProblem, refused: StrikePlan, *, seed: int = 0) -> tuple[Relaxation, ...]:
+    """Limits each of which would have to be looser, alone, for an impact that is worth its while, in the order of
+    `LIMITS`: those that hold the refused impact, or that it misses or just keeps. None where no single one of these is
+    enough.
+    """
+    binding = refused.certificate.binding
+    obstacles = [name for name in CONSTRAINTS if name in binding and (binding[name] > 0.0 or not refused.allowed)]
+    found = []
+    for limit in LIMITS:
+        own = [name for name in limit.constraints if name in obstacles]
+        given, loosest = float(getattr(problem.limits, limit.field)), limit.loosen(problem)
+        if own and limit.sign * loosest > limit.sign * given:
+            needed = _find_tightest(problem, limit, loosest, seed)
+            if needed is not None and limit.sign * needed > limit.sign * given:
+                found.append(Relaxation(own[0], limit.key, limit.unit, given / limit.scale, needed / limit.scale))
+    return tuple(found)
+
+
+def _find_tightest(problem: StrikeProblem, limit: _Limit, loosest: float, seed: int) -> float | None:
+    """The tightest value of a limit at which everything else is kept; None where there is none."""
+    untouched = float(score(problem, problem.angular_velocity))
+    own = np.array([name in limit.constraints for name in CONSTRAINTS])
+
+    def loosen(value: float) -> StrikeProblem:
+        """The problem with another value of the limit, its velocities in the unit that belongs to that."""
+        loose = eqx.tree_at(lambda p: getattr(p.limits, limit.field), problem, jnp.asarray(value))
+        return eqx.tree_at(lambda p: p.unit, loose, allow_speed(loose))
+
+    def rank(loosened: float):
+        def judge(found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            scores, values = found[:, 0], found[:, 1:]
+            over = np.sum(np.maximum(-values[:, ~own], 0.0), axis=1)
+            over = over + np.maximum(LEAST_GAIN - (untouched - scores) / untouched, 0.0) / LEAST_GAIN
+            over = over + np.maximum(-np.min(values[:, own], axis=1), 0.0)
+            needed = limit.sign * limit.read(loosened, np.min(values[:, own], axis=1))
+            worth = np.where(over > ROUND, VIOLATED * (1.0 + over), needed / max(abs(loosened), 1.0))
+            return np.where(np.isfinite(worth), worth, np.inf), np.where(over > ROUND, np.inf, needed)
+
+        return judge
+
+    first = limit.sign * evolve_designs(loosen(loosest), seed=seed, rank=rank(loosest)).least
+    if not math.isfinite(first):
+        return None
+    # Again under a limit of its own size, in which scaled constraints and velocities are of order one.
+    near = limit.sign * min(limit.sign * loosest, limit.sign * first * LOOSER**limit.sign)
+    loose = loosen(near)
+    places = evolve_designs(loose, seed=seed, rank=rank(near)).pick(STARTS)
+    found = [value for place in places if (value := _refine(loose, limit, near, untouched, place)) is not None]
+    return limit.sign * min(limit.sign * value for value in found) if found else None
+
+
+def _refine(loose: StrikeProblem, limit: _Limit, loosened: float, untouched: float, place: Place) -> float | None:
+    """The tightest limit that a design keeps and is allowed under, on a descent of the integrated impact, or None."""
+    values, slopes = ask_scipy(loose, place[0], Tally())
+    bounds = find_bounds(loose, place[0])
+    # The next edge is farther off than the nearest: the first of the constraints alone is what the limit holds.
+    own = 1 + CONSTRAINTS.index(limit.constraints[0])
+    passed = []
+
+    def pose(found: np.ndarray, least: float) -> np.ndarray:
+        """What is to be small is the limit that is needed; that the impact is worth its while is a constraint."""
+        gain = (least - found[:1]) / (untouched * LEAST_GAIN)
+        return np.concatenate([-found[own: own + 1], gain, found[1:]])
+
+    def look(z: np.ndarray) -> np.ndarray:
+        posed = pose(values(z), untouched * (1.0 - LEAST_GAIN))
+        if values(z)[0] < LOST and posed[1:].min() >= -ALLOWED:
+            passed.append(-float(posed[0]))
+        return posed
+
+    descend(look, lambda z: pose(slopes(z), 0.0), np.clip(place[1], *bounds.T), bounds, STEPS, 1e-6)
+    return float(limit.read(loosened, np.asarray(max(passed)))) if passed else None

@@ -8,7 +8,7 @@ Whether an impact keeps the limits is told by `planning.constraints`.
 """
 
 from collections.abc import Callable, Mapping
-from typing import final
+from typing import Any, final
 
 import diffrax as dfx
 import equinox as eqx
@@ -234,6 +234,13 @@ def strike_debris(problem: StrikeProblem, design: Design, adjoint: dfx.AbstractA
     conditions = {**problem.conditions, "initial_pressure": design.pressure}
     return simulate_collision(problem.law, problem.debris, design.attitude, design.angular_velocity, design.point,
                               design.velocity, conditions, adjoint=adjoint, rtol=RTOL, atol=ATOL, max_steps=MAX_STEPS)
+
+
+def measure_share(problem: StrikeProblem, rates: Any) -> float:
+    """|L| at these rates, body components, over |L| of the problem [-]."""
+    inertia = np.asarray(problem.debris.inertia)
+    after, before = (inertia @ np.asarray(one) for one in (rates, problem.angular_velocity))
+    return float(np.linalg.norm(after) / np.linalg.norm(before))
 
 
 def score(problem: StrikeProblem, rates: Array) -> Array:

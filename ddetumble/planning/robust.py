@@ -15,17 +15,7 @@ import numpy as np
 from .draws import Laws
 from .multistart import find_bounds
 from .problem import StrikeProblem
-from .single import (
-    LOST,
-    Certificate,
-    StrikePlan,
-    Tally,
-    compute_slopes,
-    descend,
-    make_plan,
-    remember,
-    weigh_constraints,
-)
+from .single import LOST, StrikePlan, Tally, certify, compute_slopes, descend, make_plan, remember
 from .uncertainty import evaluate_draws, pose_draws
 
 
@@ -135,5 +125,5 @@ def plan_robust_strike(problem: StrikeProblem, laws: Laws, plan: StrikePlan, *, 
 
     x = min([descend(values, slopes, first, bounds, STEPS), np.asarray(first)], key=order)
     value = values(x)
-    left, error, (binding,) = weigh_constraints(lambda z: robust.wanted(face, z), value, slopes(x), bounds, x)
-    return make_plan(problem, face, x, Certificate(left, error, binding, np.nan), robust.tally, value, KEPT)
+    [certificate] = certify(lambda z: robust.wanted(face, z), value, slopes(x), bounds, x)
+    return make_plan(problem, face, x, certificate, robust.tally, value, KEPT)

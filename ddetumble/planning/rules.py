@@ -10,7 +10,7 @@ from scipy.optimize import minimize_scalar
 
 from .._rotation import rotate, rotate_back
 from .constraints import CONSTRAINTS
-from .problem import SLIPS, SPEED, StrikeProblem, read_design, span_plane, strike_debris
+from .problem import SLIPS, SPEED, StrikeProblem, measure_share, read_design, span_plane, strike_debris
 from .single import ALLOWED, StrikePlan, compute_impact
 
 
@@ -46,8 +46,8 @@ def compare_rules(problem: StrikeProblem, plan: StrikePlan) -> tuple[Blow, ...]:
 def _strike_along(problem: StrikeProblem, plan: StrikePlan, rule: str, way: np.ndarray) -> Blow:
     """Blows along a direction `way`, inertial, unit, shape (3,): with the plan's speed, and with the best allowed."""
     face, design, most = plan.place[0], plan.design, float(problem.limits.speed)
-    normal = np.asarray(rotate_back(design.attitude, design.normal))
-    first, second = (np.asarray(one) for one in span_plane(jnp.asarray(normal)))
+    outward = rotate_back(design.attitude, design.normal)
+    normal, first, second = (np.asarray(one) for one in (outward, *span_plane(outward)))
     surface = np.cross(design.angular_velocity, design.point)
     local = np.asarray(rotate_back(design.attitude, jnp.asarray(way)))
 
@@ -59,8 +59,7 @@ def _strike_along(problem: StrikeProblem, plan: StrikePlan, rule: str, way: np.n
 
     def judge(speed: float) -> float:
         found = compute_impact(problem, face, place(speed))
-        broken = np.sum(np.maximum(-found[1:] - ALLOWED, 0.0))
-        return float(found[0] + BROKEN * broken)
+        return float(found[0] + BROKEN * np.sum(np.maximum(-found[1:] - ALLOWED, 0.0)))
 
     speeds = most * np.arange(1, SPEEDS + 1) / SPEEDS
     k = int(np.argmin([judge(speed) for speed in speeds]))
@@ -72,10 +71,8 @@ def _strike_along(problem: StrikeProblem, plan: StrikePlan, rule: str, way: np.n
         after = strike_debris(problem, read_design(problem, jnp.asarray(face), jnp.asarray(place(speed))))
         if bool(after.failed) or not bool(after.separated):
             return math.nan, ()
-        inertia, found = np.asarray(problem.debris.inertia), compute_impact(problem, face, place(speed))[1:]
-        share = np.linalg.norm(inertia @ after.angular_velocity) / np.linalg.norm(inertia @ problem.angular_velocity)
-        names = dict.fromkeys(n for n, value in zip(CONSTRAINTS, found, strict=True) if value < -BROKEN_BY)
-        return float(share), tuple(names)
+        kept = zip(CONSTRAINTS, compute_impact(problem, face, place(speed))[1:], strict=True)
+        return measure_share(problem, after.angular_velocity), tuple(n for n, value in kept if value < -BROKEN_BY)
 
     share, violated = leave(float(np.linalg.norm(design.velocity)))
     kept, over = leave(best)

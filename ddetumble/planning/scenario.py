@@ -30,9 +30,9 @@ from ..dynamics.bodies import AbstractBody, Box, Cylinder, Sphere, read_mesh
 from ..dynamics.surfaces import make_debris
 from ..inference.archive import load
 from ..inference.models import is_fitted
+from ..measurement.tables import decode, read_bytes
 from ..measurement.units import convert_text
 from .draws import Laws, draw_laws, find_models, vary_law
-from .execution import ErrorSizes
 from .problem import Goal, Limits, StrikeProblem
 
 
@@ -69,7 +69,9 @@ Time = Annotated[NotNegative, _read_in("s")]
 Rate = Annotated[Number, _read_in("rad/s")]
 Momentum = Annotated[Number, _read_in("N*m*s")]
 Inertia = Annotated[Number, _read_in("kg*m^2")]
+Row = tuple[Inertia, Inertia, Inertia]
 Place = Annotated[Number, _read_in("m")]
+Places = tuple[Place, Place, Place]
 Vector = tuple[Number, Number, Number]
 
 
@@ -85,19 +87,18 @@ class DebrisTable(_Strict):
     mass: Mass = Field(default=1000.0, description="[kg].")
     radius: Length = Field(default=1.0, description="radius of a cylinder or a sphere [m].")
     length: Length = Field(default=3.0, description="length of a cylinder [m].")
-    lengths: tuple[Length, Length, Length] | None = Field(default=None, description="edges of a box along body "
-                                                                                          "x, y, z [m].")
+    lengths: tuple[Length, Length, Length] | None = Field(
+        default=None, description="edges of a box along body x, y, z [m].")
     file: StrictStr = Field(default="", description="file of a closed convex mesh, relative to the scenario's folder.")
     scale: Positive = Field(default=1.0, description="metres per unit of the mesh.")
-    inertia: tuple[tuple[Inertia, Inertia, Inertia], tuple[Inertia, Inertia, Inertia],
-                   tuple[Inertia, Inertia, Inertia]] | None = Field(
+    inertia: tuple[Row, Row, Row] | None = Field(
         default=None, description="tensor of inertia about the centre of mass, body components, three rows [kg m²]; "
         "that of uniform density if not given.")
-    centre: tuple[Place, Place, Place] = Field(
+    centre: Places = Field(
         default=(0.0, 0.0, 0.0), description="centre of mass, body components, from that of a body of uniform density "
         "[m]; needs `inertia`.")
-    attitude: tuple[Number, Number, Number, Number] = Field(default=(1.0, 0.0, 0.0, 0.0), description=
-        "quaternion, scalar first, body to inertial.")
+    attitude: tuple[Number, Number, Number, Number] = Field(
+        default=(1.0, 0.0, 0.0, 0.0), description="quaternion, scalar first, body to inertial.")
     angular_velocity: tuple[Rate, Rate, Rate] | None = Field(
         default=None, description="angular velocity, body components [rad/s].")
     angular_momentum: tuple[Momentum, Momentum, Momentum] | None = Field(
@@ -134,37 +135,36 @@ class BallTable(_Strict):
     friction_model: StrictStr = Field(
         default="", description="folder of a fit to slip records, by `--model eq8` or `coulomb` "
         "(Eq. 10 grows without limit at the loads of an impact).")
-    restitution: Annotated[StrictFloat, Field(gt=0, lt=1)] = Field(default=0.7, description="restitution of the "
-                                                                                            "paper's ball.")
-    friction: NotNegative = Field(default=0.218, description="constant coefficient of friction if no friction model "
-                                                             "is named.")
+    restitution: Annotated[StrictFloat, Field(gt=0, lt=1)] = Field(
+        default=0.7, description="restitution of the paper's ball.")
+    friction: NotNegative = Field(
+        default=0.218, description="constant coefficient of friction if no friction model is named.")
     conditions: dict[StrictStr, Number] = Field(
-        default={}, description="further conditions that the model's effects read, by name, SI: "
-        "`sequence`, the number of the impact on this ball.")
+        default={}, description="further conditions that the model's effects read, by name, SI: `sequence`, the number "
+        "of the impact on this ball.")
 
 
 class ArmTable(_Strict):
     """`[arm]`: what the ball is mounted on."""
 
     mass: Mass | None = Field(
-        default=None, description="apparent mass at the tip along the normal [kg]; that of the fitted "
-        "model if not given.")
+        default=None, description="apparent mass at the tip along the normal [kg]; that of the fitted model if not "
+        "given.")
     tangential_mass: Mass | None = Field(
-        default=None, description="apparent mass across the normal [kg]; if not given, that "
-        "of an oblique fit, or as along the normal if `mass` is given or there is no such fit.")
+        default=None, description="apparent mass across the normal [kg]; if not given, that of an oblique fit, or as "
+        "along the normal if `mass` is given or there is no such fit.")
     clamped: StrictBool = Field(
-        default=True, description="whether the mount keeps the ball from turning; if not, it turns "
-        "with the rolling mass of an oblique fit, or 0.5 kg.")
+        default=True, description="whether the mount keeps the ball from turning; if not, it turns with the rolling "
+        "mass of an oblique fit, or 0.5 kg.")
     speed: Speed = Field(default=2.0, description="largest speed of the tip [m/s].")
     chaser: Vector = Field(default=(1.0, 0.0, 0.0), description="direction from the debris to the chaser, inertial.")
     cone_degrees: Annotated[Real, Field(gt=0, le=180)] = Field(
-        default=180.0, description="largest angle between this direction and the "
-        "outward normal at the place that is struck.")
+        default=180.0, description="largest angle between this direction and the outward normal at the place that is "
+        "struck.")
     chaser_mass: Mass | None = Field(
         default=None, description="mass of the chaser, whose recoil the result then states [kg].")
     clearance_time: Annotated[Positive, _read_in("s")] = Field(
-        default=0.5, description="time before and after the contact during which nothing else may be "
-        "touched [s].")
+        default=0.5, description="time before and after the contact during which nothing else may be touched [s].")
 
 
 class LimitTable(_Strict):
@@ -176,13 +176,13 @@ class LimitTable(_Strict):
     depression: Length = Field(default=0.02, description="largest depression of the ball [m].")
     edge: Distance = Field(default=0.02, description="least distance of the contact disc from an edge [m].")
     window: tuple[Time, Annotated[Positive, _read_in("s")]] = Field(
-        default=(0.0, 60.0), description="earliest and latest instant of first touch "
-        "[s]; in a sequence the shortest and longest wait.")
+        default=(0.0, 60.0), description="earliest and latest instant of first touch [s]; in a sequence the shortest "
+        "and longest wait.")
     approach: Speed = Field(default=0.05, description="least speed along the normal [m/s].")
     faces: tuple[StrictStr, ...] = Field(
         default=(), description="faces that may be struck, by name; all if empty. A cylinder has `side`, `upper end` "
         "and `lower end`, a box `+x` to `-z`, a mesh `face 1`, ...")
-    target: tuple[Place, Place, Place] | None = Field(
+    target: Places | None = Field(
         default=None, description="centre of the area that may be struck, in the coordinates of the shape (from the "
         "centre of mass of uniform density) [m].")
     target_radius: Length | None = Field(
@@ -204,23 +204,20 @@ class LimitTable(_Strict):
 class GoalTable(_Strict):
     """`[goal]`: what is wanted."""
 
-    momentum: NotNegative = Field(
-        default=1.0, description="weight of |L| left, over |L| before.")
-    energy: NotNegative = Field(
-        default=0.0, description="weight of the rotational energy left, over that before.")
-    nutation: NotNegative = Field(
-        default=0.0, description="weight of the nutation angle after, over 90°.")
+    momentum: NotNegative = Field(default=1.0, description="weight of |L| left, over |L| before.")
+    energy: NotNegative = Field(default=0.0, description="weight of the rotational energy left, over that before.")
+    nutation: NotNegative = Field(default=0.0, description="weight of the nutation angle after, over 90°.")
     function: StrictStr = Field(
         default="", description="in place of the three weights, `FILE.py:NAME` of a function of the angular velocity "
         "after an impact (body components) and the tensor of inertia, in JAX, which returns a positive number to be "
         "made small.")
     impacts: Annotated[StrictInt, Field(ge=1, le=200)] = Field(default=1, description="largest number of impacts.")
     share: Annotated[Real, Field(ge=0, lt=1)] = Field(
-        default=0.01, description="share of the angular momentum at which a sequence "
-        "ends; the report measures a plan by it.")
+        default=0.01, description="share of the angular momentum at which a sequence ends; the report measures a plan "
+        "by it.")
     least: Literal["impacts", "impulse", "time"] = Field(
-        default="impacts", description="what is minimised in a sequence: "
-        "the number of impacts, the sum of all impulses, or the time it takes.")
+        default="impacts", description="what is minimised in a sequence: the number of impacts, the sum of all "
+        "impulses, or the time it takes.")
 
     @pydantic.model_validator(mode="after")
     def _check(self):
@@ -244,6 +241,11 @@ class ErrorTable(_Strict):
     centre: Distance = Field(default=0.0, description="of the centre of mass, along each axis [m].")
     draws: Annotated[StrictInt, Field(ge=8, le=4096)] = Field(default=64, description="number of draws.")
 
+    def sizes(self) -> dict[str, float]:
+        """The deviations by what is wrong, in SI or as a fraction."""
+        return {name.removesuffix("_degrees"): float(np.radians(size) if name.endswith("_degrees") else size)
+                for name, size in self.model_dump(exclude={"draws"}).items()}
+
 
 class SpreadTable(_Strict):
     """A parameter of `[uncertainty.parameters]`, in its public unit."""
@@ -259,15 +261,13 @@ class UncertaintyTable(_Strict):
         "`result.json`), relative to the scenario's folder; it replaces the ball's model. If neither this nor "
         "`parameters` is given, it is the folder of the ball's model.")
     parameters: dict[StrictStr, SpreadTable] = Field(
-        default={}, description="parameters of the contact model by name, each with `sd` "
-        "and, unless it is the model's own value, `mean`.")
+        default={}, description="parameters of the contact model by name, each with `sd` and, unless it is the model's "
+        "own value, `mean`.")
     correlation: tuple[tuple[StrictStr, StrictStr, Annotated[Real, Field(ge=-1, le=1)]], ...] = Field(
-        default=(), description=
-        "rows of two of these names and their correlation.")
+        default=(), description="rows of two of these names and their correlation.")
     draws: Annotated[StrictInt, Field(ge=2, le=1024)] = Field(default=32, description="number of draws of each model.")
     tail: Annotated[StrictFloat, Field(gt=0, le=0.5)] = Field(
-        default=0.1, description="share of the draws that counts as the "
-        "tail of bad outcomes.")
+        default=0.1, description="share of the draws that counts as the tail of bad outcomes.")
     plan_for: Literal["best", "mean", "tail"] = Field(
         default="best", description="what is minimised: the value for the best estimate, the mean over all draws, "
         "or the mean over their worst share (the tail).")
@@ -285,8 +285,8 @@ class UncertaintyTable(_Strict):
 class Scenario(_Strict):
     """Content of `SCENARIO.toml`."""
 
-    schema_: Literal["ddetumble.plan/1"] = Field(..., alias="schema", description=
-        f'version of this format, `"{SCHEMA}"`.')
+    schema_: Literal["ddetumble.plan/1"] = Field(
+        ..., alias="schema", description=f'version of this format, `"{SCHEMA}"`.')
     title: StrictStr = Field(default="", description="title of the report.")
     debris: DebrisTable
     ball: BallTable = BallTable()
@@ -296,11 +296,10 @@ class Scenario(_Strict):
     uncertainty: UncertaintyTable | None = None
     errors: ErrorTable = ErrorTable()
     seed: Annotated[StrictInt, Field(ge=0)] = Field(
-        default=0, description="seed of the places where the search starts, and of the "
-        "draws.")
+        default=0, description="seed of the places where the search starts, and of the draws.")
     starts: Annotated[StrictInt, Field(ge=1, le=64)] = Field(
-        default=6, description="number of promising designs that are refined on the "
-        "integrated impact; more of them occasionally find a better optimum.")
+        default=6, description="number of promising designs that are refined on the integrated impact; more of them "
+        "occasionally find a better optimum.")
 
     @pydantic.model_validator(mode="after")
     def _check(self):
@@ -326,18 +325,11 @@ def read_scenario(path) -> Scenario:
     """
     path = Path(path)
     try:
-        content = tomllib.loads(path.read_bytes().decode("utf-8"))
-    except FileNotFoundError:
-        raise InputError("this file does not exist", file=path) from None
-    except OSError as error:
-        raise InputError(f"the file cannot be read ({error.strerror or error})", file=path) from None
-    except UnicodeDecodeError:
-        raise InputError("the file is not text in UTF-8", file=path) from None
+        content = tomllib.loads(decode(read_bytes(path), str(path)))
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InputError(f"this is not a TOML file: {error}", file=path) from None
     if content.get("schema") != SCHEMA:
-        raise InputError(f"the schema must be {SCHEMA!r}; it is {content.get('schema')!r}", file=path,
-                         key="schema")
+        raise InputError(f"the schema must be {SCHEMA!r}; it is {content.get('schema')!r}", file=path, key="schema")
     try:
         return Scenario.model_validate(content)
     except pydantic.ValidationError as error:
@@ -501,12 +493,6 @@ def _load_function(name: str, here: Path) -> Callable:
         raise InputError(f"{own[0].name} has no function {own[1]!r}", key="goal.function")
     return found
 
-
-def read_errors(table: ErrorTable) -> ErrorSizes:
-    """The errors of a scenario, angles in radians."""
-    return ErrorSizes(
-        table.instant, table.place, float(np.radians(table.direction_degrees)), table.speed, table.rates,
-        float(np.radians(table.attitude_degrees)), table.inertia, table.centre, table.draws)
 
 
 def pose_problem(scenario: Scenario, here: Path, laws: Laws | None = None) -> StrikeProblem:

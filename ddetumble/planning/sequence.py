@@ -20,20 +20,9 @@ from ..contact.gripping import Patch, StrikeLaw, find_height
 from ..dynamics.impact import simulate_impact
 from .constraints import MISSED, judge, with_slopes
 from .multistart import find_bounds
-from .problem import StrikeProblem, list_faces, reach_speed, read_design, strike_debris
-from .relaxation import Relaxation, find_relaxations
-from .single import (
-    ALLOWED,
-    STARTS,
-    Certificate,
-    StrikePlan,
-    Tally,
-    descend,
-    make_plan,
-    plan_strike,
-    remember,
-    weigh_constraints,
-)
+from .prices import Relaxation, find_relaxations
+from .problem import StrikeProblem, list_faces, measure_share, reach_speed, read_design, strike_debris
+from .single import ALLOWED, STARTS, StrikePlan, Tally, certify, descend, make_plan, plan_strike, remember
 
 
 # Of the fastest approach, at which the largest impulse is looked for; the next one of the grid bounds it.
@@ -86,9 +75,19 @@ class Sequence:
     relaxations: tuple[Relaxation, ...] = ()  # limits each of which, looser, allows an impact, where there is none
 
     @property
+    def left(self) -> float:
+        """Share of the angular momentum left at the end [-]."""
+        return self.shares[-1] if self.shares else 1.0
+
+    @property
     def duration(self) -> float:
         """From time 0 to the last separation [s]."""
         return self.instants[-1] + float(self.impacts[-1].collision.separation) if self.impacts else 0.0
+
+    @property
+    def outcome(self) -> tuple[int, float, float, float]:
+        """Number of impacts, share left [-], impulse [N s] and duration [s]."""
+        return len(self.impacts), self.left, self.impulse, self.duration
 
 
 def add_up(problem: StrikeProblem, plans: list[StrikePlan], share: float) -> Sequence:
@@ -97,15 +96,10 @@ def add_up(problem: StrikeProblem, plans: list[StrikePlan], share: float) -> Seq
     for plan in plans:
         instants.append(time + float(plan.design.instant))
         time = instants[-1] + float(plan.collision.separation)
-    shares = [measure_share(problem, np.asarray(plan.collision.angular_velocity)) for plan in plans]
+    shares = [measure_share(problem, plan.collision.angular_velocity) for plan in plans]
     impulse = sum(float(jnp.linalg.norm(plan.collision.impulse)) for plan in plans)
     return Sequence(tuple(plans), tuple(instants), tuple(shares), impulse, bool(plans) and shares[-1] <= share, 0, 0.0)
 
-
-def measure_share(problem: StrikeProblem, rates: np.ndarray) -> float:
-    """|L| at these rates over |L| of the problem [-]."""
-    inertia = np.asarray(problem.debris.inertia)
-    return float(np.linalg.norm(inertia @ rates) / np.linalg.norm(inertia @ np.asarray(problem.angular_velocity)))
 
 
 def find_floor(problem: StrikeProblem) -> float:
@@ -140,8 +134,7 @@ def _press(law: StrikeLaw, given: Mapping[str, Array], deepest: Array, speeds: A
                           conditions | {"tangential_speed": slip})
             return law.limit(patch, slip, jnp.zeros(()), jnp.zeros(())) / load
 
-        friction = jax.vmap(jax.vmap(rub, (0, None)), (None, 0))(
-            deepest * RUBBED, speed * RUBBED)
+        friction = jax.vmap(jax.vmap(rub, (0, None)), (None, 0))(deepest * RUBBED, speed * RUBBED)
         return jnp.stack([reference.ball.inertia() * (speed + impact.rebound_speed), jnp.max(impact.normal_force),
                           jnp.max(impact.depression), jnp.max(friction)])
 
@@ -231,7 +224,7 @@ def plan_sequence(problem: StrikeProblem, share: float, most: int, *, starts: in
             refused = plan
             break
         impacts.append(plan)
-        left = measure_share(problem, np.asarray(plan.collision.angular_velocity))
+        left = measure_share(problem, plan.collision.angular_velocity)
         tell(f"impact {len(impacts)}: {100 * left:.2f} % left", math.nan)
         now = move_on(now, plan)
     relaxations = ()
@@ -359,23 +352,21 @@ def refine_sequence(problem: StrikeProblem, sequence: Sequence, share: float, ai
         best = min(others)[2] if others else best
     value, slopes = look(best)
     impulse, duration, square = map(float, value[:3])
-    alone = (len(sequence.impacts), sequence.shares[-1], sequence.impulse, sequence.duration)
-    joint = Joint(aim, False, len(faces), float(np.sqrt(max(square, 0.0))), impulse, duration, alone)
+    joint = Joint(aim, False, len(faces), float(np.sqrt(max(square, 0.0))), impulse, duration, sequence.outcome)
     if not is_allowed(value):
         return dc.replace(sequence, reached=False, joint=joint)
 
-    left, error, bindings = weigh_constraints(
+    certificates = certify(
         lambda z: float(total(follow_impacts(problem, faces, z.reshape(first.shape)))[place]) / unit,
         pose(value, 1.0), pose(slopes, 0.0), bounds, best, shared)
     now, plans, tally = problem, [], Tally(0, len(passed))
-    for face, x, binding in zip(faces, best.reshape(first.shape), bindings, strict=True):
-        plans.append(make_plan(now, int(face), x, Certificate(left, error, binding, math.nan), tally))
+    for face, x, certificate in zip(faces, best.reshape(first.shape), certificates, strict=True):
+        plans.append(make_plan(now, int(face), x, certificate, tally))
         now = move_on(now, plans[-1])
     found = add_up(problem, plans, share * (1 + SLACK))
     reached = found.reached and all(plan.allowed for plan in plans)
-    joint = dc.replace(joint, taken=reached)
     if reached:
-        joint = dc.replace(joint, share=found.shares[-1], impulse=found.impulse, duration=found.duration)
+        joint = Joint(aim, True, *found.outcome, sequence.outcome)
     return dc.replace(found, reached=reached, bound=sequence.bound, floor=sequence.floor, refused=sequence.refused,
                       joint=joint)
 
@@ -392,18 +383,20 @@ def plan_together(problem: StrikeProblem, share: float, most: int, *, aim: Aim =
     """
     tell = progress or (lambda text, done: None)
 
-    def change(sequence: Sequence, aim: str) -> Sequence:
+    def change(sequence: Sequence, wanted: str, told: str) -> Sequence:
+        """All impacts together; `joint` says what was aimed at, beside what those of `found` came to."""
         tell(f"{len(sequence.impacts)} impacts together", math.nan)
-        return refine_sequence(problem, sequence, share, aim)
+        again = refine_sequence(problem, sequence, share, wanted)
+        assert again.joint is not None
+        return dc.replace(again, joint=dc.replace(again.joint, aim=told, alone=found.outcome))
 
     found = plan_sequence(problem, share, most, starts=starts, seed=seed, revise=revise, progress=progress)
     if revise is not None:
         return found
-    alone = (len(found.impacts), found.shares[-1] if found.impacts else 1.0, found.impulse, found.duration)
     if not found.reached:
         if len(found.impacts) < max(most, 2) or len(found.impacts) < found.bound:
             return found
-        again = change(found, "share")
+        again = change(found, "share", "share")
         return again if again.reached else dc.replace(found, joint=again.joint)
 
     best = found
@@ -411,8 +404,7 @@ def plan_together(problem: StrikeProblem, share: float, most: int, *, aim: Aim =
         while len(best.impacts) > max(best.bound, 1):
             # Without the last, the momentum that it took is brought down by the others, as long as that works.
             again = change(dc.replace(best, impacts=best.impacts[:-1], instants=best.instants[:-1],
-                                      shares=best.shares[:-1]), "share")
-            again = _tell_joint(again, aim, alone)
+                                      shares=best.shares[:-1]), "share", aim)
             if not again.reached:
                 return dc.replace(found, joint=again.joint) if best is found else best
             best = again
@@ -431,13 +423,7 @@ def plan_together(problem: StrikeProblem, share: float, most: int, *, aim: Aim =
                        for plan in other.impacts]
             begun.append(dc.replace(other, impacts=tuple(widened)))
     for one in begun:
-        again = change(one, aim)
+        again = change(one, aim, aim)
         better = again.impulse < best.impulse if aim == "impulse" else again.duration < best.duration
-        best = _tell_joint(again, aim, alone) if again.reached and better else best
+        best = again if again.reached and better else best
     return best
-
-
-def _tell_joint(sequence: Sequence, aim: str, alone: tuple[int, float, float, float]) -> Sequence:
-    """What was aimed at, and what the impacts came to that were first planned one after the other."""
-    assert sequence.joint is not None
-    return dc.replace(sequence, joint=dc.replace(sequence.joint, aim=aim, alone=alone))

@@ -133,25 +133,29 @@ def list_extras(saved: FittedModel, entries: Sequence[str] | Mapping[str, str] |
         InputError: the family has no such channel, the campaign measures it already, its noise makes no sense.
     """
     offered = {} if saved.are_values else find_family(saved.family).plan.added  # beside values there are no series
-    if entries is None:
-        wanted = {name: noise for name, noise in offered.items() if not _is_measured(saved, name)}
-    else:
-        wanted = read_pairs("channel", entries if isinstance(entries, Mapping)
-                            else [entry.replace(":", "=", 1) for entry in entries])
+    measured = {name for name in offered if any(channel.startswith(name) for channel in saved.channels)}
     found = []
-    for name, noise in wanted.items():
+    for name, noise in read_channels(offered if entries is None else entries).items():
         if name not in offered:
             there = f"it may be {', '.join(offered)}" if offered else "records of this family have no further channel"
             raise InputError(f"--channel: {name!r} is not a channel that could be added; {there}")
-        if _is_measured(saved, name):
+        if name not in measured:
+            found.append(Extra(name, ATTITUDES[:4] if name == "attitude" else (name,), read_noise(name, noise),
+                               check_unit(si_unit(name), name).si, entries is None))
+        elif entries is not None:
             raise InputError(f"--channel: the campaign already measures {name!r}")
-        unit = check_unit(si_unit(name), name)
-        sd = parse_uncertainty(noise, unit, name).absolute
-        if sd is None:
-            raise InputError(f"--channel {name}: the noise must be absolute, such as {offered[name]!r}")
-        found.append(Extra(name, ATTITUDES[:4] if name == "attitude" else (name,), sd, unit.si, entries is None))
     return tuple(found)
 
 
-def _is_measured(saved: FittedModel, name: str) -> bool:
-    return any(channel.startswith(name) for channel in saved.channels)
+def read_channels(entries: Sequence[str] | Mapping[str, str]) -> dict[str, str]:
+    """Noise by channel, of entries `NAME: NOISE UNIT`."""
+    return read_pairs("channel", entries if isinstance(entries, Mapping)
+                      else [entry.replace(":", "=", 1) for entry in entries])
+
+
+def read_noise(channel: str, text: str) -> float:
+    """Standard deviation of a channel's noise, SI."""
+    found = parse_uncertainty(text, check_unit(si_unit(channel), channel), channel).absolute
+    if found is None:
+        raise InputError(f"--channel {channel}: the noise must be absolute, with a unit")
+    return found

@@ -3,7 +3,6 @@ how well.
 """
 
 import dataclasses as dc
-import math
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
@@ -50,7 +49,6 @@ class Certificate:
     # Largest difference of the gradient from central differences, over the gradient [-]; 1 where there is none
     gradient_error: float
     binding: dict[str, float]  # names of the constraints and bounds that hold the plan, with their multipliers [-]
-    margin: float  # from the contact disc to the nearest edge [m]
 
 
 @dc.dataclass(frozen=True)
@@ -207,7 +205,10 @@ def plan_strike(problem: StrikeProblem, *, starts: int = STARTS, seed: int = 0, 
         raise ComputationError("no impact could be planned: the contact could not be integrated to separation from "
                                "any start")
     _, _, face, x, values = ends[0]
-    return make_plan(problem, face, x, certify(problem, face, x), tally, values, estimate=estimate,
+    value, slopes = (np.asarray(one) for one in evaluate_slopes(problem, jnp.asarray(face), jnp.asarray(x)))
+    [certificate] = certify(lambda z: float(evaluate(problem, jnp.asarray(face), jnp.asarray(z))[0]), value, slopes,
+                            find_bounds(problem, face), x)
+    return make_plan(problem, face, x, certificate, tally, values, estimate=estimate,
                      scores=tuple((names[end[2]], end[1], end[0]) for end in ends))
 
 
@@ -226,21 +227,11 @@ def make_plan(problem: StrikeProblem, face: int, x: np.ndarray, certificate: Cer
     name, untouched = problem.debris.surface.face_names()[face], float(score(problem, problem.angular_velocity))
     return StrikePlan(
         name, x, worth, untouched, untouched if estimate is None else estimate, kept, design, collision, allowed,
-        dc.replace(certificate, margin=float(collision.margin)), tally, scores or ((name, worth, allowed),))
+        certificate, tally, scores or ((name, worth, allowed),))
 
 
-def certify(problem: StrikeProblem, face: int, x: np.ndarray) -> Certificate:
-    """How well one impact is founded; the margin is that of its plan."""
-    def wanted(x):
-        return float(evaluate(problem, jnp.asarray(face), jnp.asarray(x))[0])
-
-    value, slopes = (np.asarray(one) for one in evaluate_slopes(problem, jnp.asarray(face), jnp.asarray(x)))
-    left, error, (binding,) = weigh_constraints(wanted, value, slopes, find_bounds(problem, face), x)
-    return Certificate(left, error, binding, math.nan)
-
-
-def weigh_constraints(wanted: Callable[[np.ndarray], float], value: np.ndarray, slopes: np.ndarray, bounds: np.ndarray,
-                      x: np.ndarray, shared: Sequence[str] = ()) -> tuple[float, float, list[dict[str, float]]]:
+def certify(wanted: Callable[[np.ndarray], float], value: np.ndarray, slopes: np.ndarray, bounds: np.ndarray,
+            x: np.ndarray, shared: Sequence[str] = ()) -> list[Certificate]:
     """First-order optimality of one impact or several by the least squares of the multipliers, the gradient against
     differences, and for every impact the multipliers of what holds it.
 
@@ -266,6 +257,6 @@ def weigh_constraints(wanted: Callable[[np.ndarray], float], value: np.ndarray, 
     apart = np.abs(gradient - [(wanted(x + move) - wanted(x - move)) / (2.0 * STEP) for move in STEP * unit])
     known = np.isfinite(apart)
     error = (np.max(apart, initial=0.0, where=known) / size if size > 0 else 0.0) if known.any() else 1.0
-    return float(left) / size if size > 0 else 0.0, float(error), [
-        {name: float(m) for (k, name), m in zip(rows, multipliers, strict=True) if k in (number, None)}
+    return [Certificate(float(left) / size if size > 0 else 0.0, float(error), {
+        name: float(m) for (k, name), m in zip(rows, multipliers, strict=True) if k in (number, None)})
         for number in impacts]

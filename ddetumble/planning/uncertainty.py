@@ -15,7 +15,7 @@ from .._errors import ComputationError
 from ..contact.gripping import StrikeLaw
 from ..posterior.stacking import name_rival
 from .constraints import CONSTRAINTS, MISSED, Constraints
-from .draws import Laws, split_laws
+from .draws import Laws, split_batch
 from .problem import Goal, StrikeProblem
 from .sequence import SHARE, SLACK, follow_impacts
 from .sequence import Sequence as Impacts
@@ -117,7 +117,7 @@ def summarise_draws(values: np.ndarray, weights: np.ndarray, tail: float) -> Spr
 
 def pose_draws(problem: StrikeProblem, laws: StrikeLaw) -> list[StrikeProblem]:
     """The problem with every law of a batch."""
-    return [eqx.tree_at(lambda p: p.law, problem, law) for law in split_laws(laws)]
+    return [eqx.tree_at(lambda p: p.law, problem, law) for law in split_batch(laws)]
 
 
 def evaluate_draws(problems: Sequence[StrikeProblem], face: int, x: np.ndarray) -> np.ndarray:

@@ -170,8 +170,7 @@ def average(source: Campaign | str | Path | AbstractRivals | Sequence[Fit], mode
         model, rivals, name, sha256 = read_discovery(Path(source))
         if campaign is None and name not in list_shipped():
             raise InputError(f"the result does not contain its campaign {name!r}; name the folder of that campaign "
-                             f"with "
-                             "--campaign", file=source)
+                             "with --campaign", file=source)
         measured = open_campaign(campaign or name)
         if measured.sha256 != sha256:
             notes.append(f"The campaign is not byte for byte the one that discover analysed ({name}).")
@@ -214,11 +213,17 @@ def read_discovery(folder: Path) -> tuple[str, list[tuple[type[AbstractEffect], 
         last = [str(effect) for effect in content["steps"][-1]["effects"]]
     except (OSError, ValueError, KeyError, TypeError, IndexError, RecursionError):
         raise InputError("this is not a result of discover, or is damaged; run discover again", file=path) from None
-    others = sorted((place.parent for place in folder.glob("rivals/*/model.json")), key=lambda p: (len(p.name), p.name))
-    if not others:
+    places = list_rivals(folder)
+    if len(places) == 1:
         raise InputError(f"discover found no rival of {', '.join(last) or model}, so there is nothing to average; "
                          "name the rivals yourself: `ddetumble average CAMPAIGN --effect ID --effect ID`", file=path)
-    return model, [tuple(load(place).space.effects) for place in (folder, *others)], campaign, sha256
+    return model, [tuple(load(place).space.effects) for place in places], campaign, sha256
+
+
+def list_rivals(folder: Path) -> list[Path]:
+    """The folder of a discovery's model, and those below it of the models that its last step could not tell from it."""
+    others = (file.parent for file in folder.glob("rivals/*/model.json"))
+    return [folder, *sorted(others, key=lambda place: (len(place.name), place.name))]
 
 
 def average_fits(fits: Sequence[Fit], report: Progress, seed: int = 0, notes: Sequence[str] = ()) -> ModelWeights:
@@ -258,7 +263,7 @@ def average_fits(fits: Sequence[Fit], report: Progress, seed: int = 0, notes: Se
     notes = list(notes)
     if len(elpd) < FEW:
         notes.append(f"With only {len(elpd)} conditions the standard errors, and hence the weights, are themselves "
-                     f"rough.")
+                     "rough.")
     if doubtful := [one.name for one in rivals if not all(s.trusted for s in one.scores.scores)]:
         notes.append(f"Some scores of {', '.join(doubtful)} are unreliable, because single conditions determine what "
                      "the others do not (see pareto_k in weights.json).")

@@ -21,8 +21,8 @@ from ..measurement.units import choose_time_unit
 from ..planning.execution import NAMES
 from ..planning.measured import Extrapolation, format_extrapolation, list_extrapolations
 from ..planning.plan import Plan, find_end
-from ..planning.problem import StrikeProblem, list_faces
-from ..planning.sequence import Sequence, measure_share
+from ..planning.problem import StrikeProblem, list_faces, measure_share
+from ..planning.sequence import Sequence
 from ..planning.single import StrikePlan
 from ..planning.uncertainty import Assessment, Outlook, Prospect
 from .page import Section, Table, draw_picture, read_text, write_page
@@ -74,7 +74,7 @@ def _list_impact(number: int, instant: float, share: float, plan: StrikePlan, be
         **{name: np.asarray(value).tolist() for name, value in arrays.items()},
         "share_left": share, "score": plan.score, "allowed": plan.allowed, "constraints": plan.values,
         "certificate": {"stationarity": proof.stationarity, "gradient_error": proof.gradient_error,
-                        "binding": proof.binding, "edge_margin": proof.margin},
+                        "binding": proof.binding, "edge_margin": float(collision.margin)},
         "integrations": {"values": plan.tally.values, "gradients": plan.tally.slopes},
         "starts": [{"face": face, "score": score, "allowed": allowed} for face, score, allowed in plan.scores],
         "extrapolated": [{"value": one.value, **dc.asdict(one.measured)} for one in beyond],
@@ -167,7 +167,7 @@ def write_plan(plan: Plan, folder) -> Path:
         "schema": SCHEMA, "scenario": plan.source, "title": plan.title, "sentence": plan.sentence,
         "possible": True if impacts else None if best is not None and best.missed else False,
         "reached": sequence.reached, "wanted_share": settings.share,
-        "share_left": sequence.shares[-1] if impacts else 1.0,
+        "share_left": sequence.left,
         "impulse": sequence.impulse, "duration": sequence.duration, "joint": sequence.joint,
         "relaxations": sequence.relaxations, "fewest_impacts": sequence.bound or None, "axial_share": sequence.floor,
         "impacts": impacts,
@@ -178,10 +178,10 @@ def write_plan(plan: Plan, folder) -> Path:
         "refused": None if best is None else {
             "face": best.face, "score": best.score, "untouched": best.untouched, "allowed": best.allowed,
             "estimate": best.estimate, "missed": best.missed,
-            "share_left": measure_share(problem, np.asarray(best.collision.angular_velocity)),
+            "share_left": measure_share(problem, best.collision.angular_velocity),
             "constraints": best.values},
         "measured": plan.ranges, "within": settings.within or None,
-        "share_left_beyond": None if plan.beyond is None else (plan.beyond.shares or (1.0,))[-1],
+        "share_left_beyond": None if plan.beyond is None else plan.beyond.left,
         "uncertainty": None if assessment is None else _list_outlook(assessment, settings.plan_for, prospect),
         "version": metadata.version("ddetumble"),
     }  # fmt: skip
