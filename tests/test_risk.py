@@ -201,7 +201,7 @@ def test_without_uncertainty_the_plan_stays(planned):
     problem, plan = planned
     laws = vary_law(LAW, {"restitution": (None, 0.0)}, draws=3)
     for aim in ("mean", "tail"):
-        robust = plan_robust_strike(problem, laws, plan, aim=aim)
+        robust = plan_robust_strike(problem, plan, laws, aim=aim)
         assert robust.allowed and robust.score == pytest.approx(plan.score, rel=1e-4)
 
 
@@ -225,7 +225,7 @@ def test_order_of_best_mean_and_tail(planned):
     face = STAGE.surface.face_names().index(plan.face)
     weights = laws.shares()
     plain = evaluate_draws(pose_draws(problem, laws.draws), face, plan.x)
-    robust = {aim: plan_robust_strike(problem, laws, plan, aim=aim, tail=0.25) for aim in ("mean", "tail")}
+    robust = {aim: plan_robust_strike(problem, plan, laws, aim=aim, tail=0.25) for aim in ("mean", "tail")}
     for values in (plain, *(evaluate_draws(pose_draws(problem, laws.draws), face, one.x) for one in robust.values())):
         assert find_tail(values[:, 0], weights, 0.25) >= weights @ values[:, 0] >= values[:, 0].min()
     assert plain[:, 3].min() < -KEPT

@@ -103,15 +103,9 @@ def judge(problem: StrikeProblem, design: Design, after: Parting | Collision) ->
 
 
 @eqx.filter_jit
-def evaluate(problem: StrikeProblem, face: Array, x: Array) -> Array:
-    """What is wanted small and all constraints of one design, shape (1 + constraints,)."""
-    return _evaluate(problem, face, x, None)
-
-
-@eqx.filter_jit
 def evaluate_slopes(problem: StrikeProblem, face: Array, x: Array) -> tuple[Array, Array]:
-    """The same with derivatives by the seven variables, shapes (1 + constraints,), (1 + constraints, 7)."""
-    return with_slopes(lambda x: _evaluate(problem, face, x, dfx.ForwardMode()), x)
+    """As `evaluate`, with derivatives by the seven variables, shapes (1 + constraints,), (1 + constraints, 7)."""
+    return with_slopes(lambda x: evaluate(problem, face, x, dfx.ForwardMode()), x)
 
 
 def with_slopes(function: Callable[[Array], Array], x: Array) -> tuple[Array, Array]:
@@ -120,7 +114,9 @@ def with_slopes(function: Callable[[Array], Array], x: Array) -> tuple[Array, Ar
     return value, slopes
 
 
-def _evaluate(problem: StrikeProblem, face: Array, x: Array, adjoint) -> Array:
+@eqx.filter_jit
+def evaluate(problem: StrikeProblem, face: Array, x: Array, adjoint: dfx.AbstractAdjoint | None = None) -> Array:
+    """What is wanted small and all constraints of one design, shape (1 + constraints,)."""
     design = read_design(problem, face, x)
     collision = strike_debris(problem, design, adjoint)
     kept = judge(problem, design, collision)

@@ -69,30 +69,20 @@ class Visible:
 
 @dc.dataclass(frozen=True)
 class Visibility(AbstractPrinted):
-    """The map; `to_dict()` is `map.json`.
+    """The map; `to_dict()` is `map.json`."""
 
-    Attributes:
-        campaign, family, model: names.
-        records, samples: of the campaign.
-        effects: of the catalogue, in its order.
-        names: rows and columns of `cosines`: effects that can be seen.
-        cosines: |cos| between what can be seen of two effects, the largest over their shapes, shape (names, names).
-        length: of a signature that is found with 95 % power [standard deviations of the noise].
-        alike: pairs that cannot be told apart.
-        sentence, notes: in plain words.
-    """
-
-    campaign: str
+    campaign: str  # name, as the next two
     family: str
     model: str
-    records: int
+    records: int  # of the campaign
     samples: int
-    effects: tuple[Visible, ...]
-    names: tuple[str, ...]
+    effects: tuple[Visible, ...]  # of the catalogue, in its order
+    names: tuple[str, ...]  # rows and columns of `cosines`: effects that can be seen
+    # |cos| between what can be seen of two effects, the largest over their shapes, shape (names, names).
     cosines: np.ndarray
-    length: float
-    alike: tuple[tuple[str, str], ...]
-    sentence: str
+    length: float  # of a signature that is found with 95 % power [standard deviations of the noise]
+    alike: tuple[tuple[str, str], ...]  # pairs that cannot be told apart
+    sentence: str  # in plain words
     notes: tuple[str, ...] = ()
 
     def __str__(self) -> str:

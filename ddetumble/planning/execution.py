@@ -53,16 +53,8 @@ class Spread:
 
 
 def try_errors(problem: StrikeProblem, plan: StrikePlan, errors: ErrorTable, seed: int = 0) -> tuple[Spread, ...]:
-    """Momentum left by a planned impact under errors drawn of each kind alone, and of all together.
-
-    Args:
-        problem: as it was thought to be.
-        plan: of it.
-        errors: standard deviations, and the number of draws.
-        seed: of the draws.
-
-    Returns:
-        One `Spread` a kind whose size is not zero, in the order of `NAMES`, and last that of all together.
+    """Momentum left by a planned impact under errors drawn of each kind alone, in the order of `NAMES` and left out
+    where its size is zero, and last of all together.
     """
     random = np.random.default_rng(seed)
     sizes = {name: size for name, size in errors.sizes().items() if size > 0.0}

@@ -56,14 +56,11 @@ def find_bounds(problem: StrikeProblem, face: int) -> np.ndarray:
 
 @eqx.filter_jit
 def screen(problem: StrikeProblem, faces: Array, designs: Array) -> tuple[Array, Array]:
-    r"""What is wanted small and all constraints of many designs, by closed forms.
+    r"""Many designs, their velocities changed where the arm is too slow, shape (designs, 7), and what is wanted small
+    and all constraints of these, by closed forms, shape (designs, 1 + constraints).
 
     Normal impulse $m (1 + e) v_1$, $1/m = n^T M^{-1} (n - \mu t)$ with $M^{-1}$ what an impulse at the point moves ball
     and surface by; friction that slides throughout or stops the slip; peaks of $k \delta^2 (1 + c_n w)$.
-
-    Returns:
-        The designs, their velocities changed where the arm is too slow for them, shape (designs, 7); the columns, shape
-        (designs, 1 + constraints).
     """
     def one(face, x):
         x = _settle(problem, face, x)
@@ -189,13 +186,7 @@ def evolve_designs(problem: StrikeProblem, draws: int = DRAWS, seed: int = 0, ne
     A Sobol sample over all faces, then differential evolution on each of them, towards one of its best and along the
     difference of two; each generation is one call of `screen`, all designs under `vmap`. Without a gradient, so that
     nothing has to be compiled for it. Of many faces a short evolution on all of them chooses those of the long one.
-
-    Args:
-        problem: what is given, allowed and wanted.
-        draws: designs of a generation; a power of 2.
-        seed: of their places.
-        near: further designs of the first, such as the impact before.
-        rank: what is best.
+    `draws` designs, a power of 2, make a generation; those `near`, such as the impact before, are of the first.
     """
     chosen, most = list_faces(problem), max(draws // EACH, 1)
     if len(chosen) > most:

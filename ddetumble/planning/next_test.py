@@ -96,27 +96,17 @@ class Proposal:
 
 @dc.dataclass(frozen=True)
 class Design(AbstractPrinted):
-    """What to measure next; `to_dict()` is `design.json`.
+    """What to measure next; `to_dict()` is `design.json`."""
 
-    Attributes:
-        campaign, family, verdict: of the discovery or fit.
-        rivals: names of the models that cannot be told apart; one where nothing is confounded.
-        limits: within which the test was chosen.
-        proposals: the one to take first.
-        target: noise variances between two rivals from which they count as told apart.
-        sentence: what to do, in plain words.
-        notes: further sentences.
-    """
-
-    campaign: str
+    campaign: str  # of the discovery or fit, as the next two
     family: str
     verdict: str
-    rivals: tuple[str, ...]
-    limits: tuple[Limit, ...]
-    proposals: tuple[Proposal, ...]
-    target: float
-    sentence: str
-    notes: tuple[str, ...] = ()
+    rivals: tuple[str, ...]  # names of the models that cannot be told apart; one where nothing is confounded
+    limits: tuple[Limit, ...]  # within which the test was chosen
+    proposals: tuple[Proposal, ...]  # the one to take first
+    target: float  # noise variances between two rivals from which they count as told apart
+    sentence: str  # what to do, in plain words
+    notes: tuple[str, ...] = ()  # further sentences
 
     def __str__(self) -> str:
         """The outcome for a terminal."""

@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import math
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -239,18 +240,12 @@ def _plan(problem: StrikeProblem, settings: PlanSettings, laws: Laws | None, ran
           progress: Progress | None) -> Plan:
     tell, how = progress or (lambda text, share: None), settings
 
-    def revise(now: StrikeProblem, one: StrikePlan) -> StrikePlan:
-        if laws is None or how.plan_for == "best":
-            return one
-        return plan_robust_strike(now, laws, one, aim=how.plan_for, tail=how.tail)
-
-    def search(posed: StrikeProblem) -> Sequence:
-        return plan_together(posed, how.share, how.impacts, aim=how.least, starts=how.starts, seed=how.seed,
-                             revise=None if laws is None or how.plan_for == "best" else revise, progress=progress)
-
-    wide = None
-    if how.within:
-        wide, problem = problem, confine(problem, ranges)
+    revise = None
+    if laws is not None and how.plan_for != "best":
+        revise = partial(plan_robust_strike, laws=laws, aim=how.plan_for, tail=how.tail)
+    search = partial(plan_together, share=how.share, most=how.impacts, aim=how.least, starts=how.starts, seed=how.seed,
+                     revise=revise, progress=progress)
+    wide, problem = (problem, confine(problem, ranges)) if how.within else (None, problem)
     found = search(problem)
     beyond = None if wide is None else search(wide)
     assessment, prospect = None, None
@@ -277,13 +272,11 @@ def find_end(sequence: Sequence) -> float:
 
 def _say_price(inside: Sequence, beyond: Sequence) -> str:
     """What it costs to stay within what was measured, by the same search without that limit."""
-    left, least = (found.shares[-1] if found.impacts else 1.0 for found in (inside, beyond))
-    if len(beyond.impacts) == len(inside.impacts) and left - least < LEAST_PRICE:
+    if len(beyond.impacts) == len(inside.impacts) and inside.left - beyond.left < LEAST_PRICE:
         return "To stay within what was measured costs nothing."
-    takes = _count_impacts(len(beyond.impacts))
-    leaves = "leaves" if len(beyond.impacts) == 1 else "leave"
-    return (f"This plan stays within what was measured; without that limit {takes} {leaves} {100 * least:.2f} %, if "
-            "the contact model holds there.")
+    takes, leaves = _count_impacts(len(beyond.impacts)), "leaves" if len(beyond.impacts) == 1 else "leave"
+    return (f"This plan stays within what was measured; without that limit {takes} {leaves} "
+            f"{100 * beyond.left:.2f} %, if the contact model holds there.")
 
 
 def _say_joint(joint: Joint, share: float) -> str:

@@ -98,14 +98,14 @@ class RobustProblem:
         return np.nan if drawn[:, 0].max() >= LOST else float(self.judge(drawn)[0][0])
 
 
-def plan_robust_strike(problem: StrikeProblem, laws: Laws, plan: StrikePlan, *, aim: Aim = "tail", tail: float = 0.1
+def plan_robust_strike(problem: StrikeProblem, plan: StrikePlan, laws: Laws, *, aim: Aim = "tail", tail: float = 0.1
                        ) -> StrikePlan:
     """Change a plan for the best estimate into one, on the same face, for all draws of the contact law.
 
     Args:
         problem: what is given, allowed and wanted; its own law is the best estimate.
-        laws: that may be true.
         plan: for the best estimate.
+        laws: that may be true.
         aim: whether the mean over the draws or that of their worst share is made small.
         tail: that share; every constraint has to hold in the mean of its own worst share of the draws.
 

@@ -235,8 +235,9 @@ def plan_sequence(problem: StrikeProblem, share: float, most: int, *, starts: in
                       refused=refused, relaxations=relaxations)
 
 
+@eqx.filter_jit
 def _strike(problem: StrikeProblem, start: Array, state: Array, face: Array, x: Array,
-            adjoint: dfx.AbstractAdjoint | None) -> Array:
+            adjoint: dfx.AbstractAdjoint | None = None) -> Array:
     """Attitude and rates after one impact from those before it, and the impact's row, shape (7 + 3 + constraints,)."""
     now = eqx.tree_at(lambda p: (p.attitude, p.angular_velocity), problem, (state[:4], state[4:]))
     design = read_design(now, face, x)
@@ -250,12 +251,7 @@ def _strike(problem: StrikeProblem, start: Array, state: Array, face: Array, x: 
 
 
 @eqx.filter_jit
-def _follow(problem: StrikeProblem, start: Array, state: Array, face: Array, x: Array) -> Array:
-    return _strike(problem, start, state, face, x, None)
-
-
-@eqx.filter_jit
-def _follow_slopes(problem: StrikeProblem, start: Array, state: Array, face: Array, x: Array) -> tuple[Array, Array]:
+def _strike_slopes(problem: StrikeProblem, start: Array, state: Array, face: Array, x: Array) -> tuple[Array, Array]:
     """One impact, and its derivatives by the state before and by its variables, the second shape (values, 7 + 7)."""
     return with_slopes(lambda z: _strike(problem, start, z[:STATE], face, z[STATE:], dfx.ForwardMode()),
                        jnp.concatenate([state, x]))
@@ -277,16 +273,14 @@ def total(rows: np.ndarray) -> np.ndarray:
 
 def follow_impacts(problem: StrikeProblem, faces: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Every impact of a sequence, each from the motion that the one before left, of faces, shape (impacts,), and
-    variables, shape (impacts, 7).
-
-    Returns:
-        Shape (impacts, 3 + constraints): impulse [N s], time from the last separation to its own [s], square of the
-            share of |L| left after it, its constraints; NaN from the first on that could not be integrated to its end.
+    variables, shape (impacts, 7): a row each of impulse [N s], time from the last separation to its own [s], square of
+    the share of |L| left after it, and its constraints, shape (impacts, 3 + constraints); NaN from the first on that
+    could not be integrated to its end.
     """
     start, state = _begin(problem)
     rows = []
     for face, own in zip(jnp.asarray(faces), jnp.asarray(x), strict=True):
-        found = _follow(problem, start, state, face, own)
+        found = _strike(problem, start, state, face, own)
         state = found[:STATE]
         rows.append(np.asarray(found[STATE:]))
         if np.isnan(rows[-1]).any():
@@ -302,7 +296,7 @@ def follow_slopes(problem: StrikeProblem, faces: np.ndarray, x: np.ndarray) -> t
     before = np.zeros((STATE, *x.shape))  # of the state, by all variables
     rows, slopes = [], []
     for k, (face, own) in enumerate(zip(jnp.asarray(faces), jnp.asarray(x), strict=True)):
-        value, slope = _follow_slopes(problem, start, state, face, own)
+        value, slope = _strike_slopes(problem, start, state, face, own)
         state, slope = value[:STATE], np.asarray(slope)
         every = np.tensordot(slope[:, :STATE], before, axes=1)
         every[:, k] += slope[:, STATE:]

@@ -31,25 +31,15 @@ Block = dict[str, np.ndarray]
 
 @dc.dataclass(frozen=True)
 class Settings:
-    """How to sample.
+    """How to sample."""
 
-    Attributes:
-        walkers: of each ensemble, even; 0 for twice as many as parameters and four, at least 16. NUTS has one.
-        ensembles: independent ones, or chains of NUTS.
-        burn: first steps, from which the proposals are adapted and which are left out then.
-        block: steps between checkpoints.
-        effective: independent draws wanted of every parameter.
-        most: steps after the burn-in at which to stop whatever was reached.
-        seed: of the random numbers.
-    """
-
-    walkers: int = 0
-    ensembles: int = 4
-    burn: int = 100
-    block: int = 50
-    effective: int = 2000
-    most: int = 5000
-    seed: int = 0
+    walkers: int = 0  # of each ensemble, even; 0 for twice as many as parameters and four, at least 16. NUTS has one
+    ensembles: int = 4  # independent ones, or chains of NUTS
+    burn: int = 100  # first steps, from which the proposals are adapted and which are left out then
+    block: int = 50  # steps between checkpoints
+    effective: int = 2000  # independent draws wanted of every parameter
+    most: int = 5000  # steps after the burn-in at which to stop whatever was reached
+    seed: int = 0  # of the random numbers
 
     def __post_init__(self):
         for name, least in (("ensembles", 1), ("burn", 0), ("block", 1), ("effective", 1), ("most", 1), ("seed", 0)):
@@ -91,14 +81,8 @@ class AbstractSampler(ABC):
 
 def run_chains(sampler: type[AbstractSampler], target: AbstractTarget, settings: Settings, folder: Path | None = None,
                progress: Progress = lambda text, share: None) -> Posterior:
-    """Sample until every parameter has as many independent draws as wanted and the chains agree.
-
-    Args:
-        sampler: which one.
-        target: the density.
-        settings: how.
-        folder: where blocks are kept; a chain that is there goes on. None keeps nothing.
-        progress: called with a sentence and the share done.
+    """Sample until every parameter has as many independent draws as wanted and the chains agree; blocks are kept in the
+    folder, if there is one, and a chain that is there goes on.
 
     Raises:
         InputError: The folder is in use, or holds a chain of something else.
@@ -164,8 +148,7 @@ def open_chain(folder: Path | None, identity: Mapping[str, Any]) -> Iterator[lis
             part.unlink(missing_ok=True)
         for old in folder.glob("block-*.npz") if not (folder / PLAN).is_file() else ():
             raise InputError("the folder contains blocks of a chain without its plan; remove them, or name another "
-                             "folder",
-                             file=old)  # nobody knows what they are of
+                             "folder", file=old)  # nobody knows what they are of
         claim_folder(folder / PLAN, "a chain", "identity", identity, schema=SCHEMA)
         blocks: list[Block] = []
         while (file := _name_block(folder, len(blocks))).is_file():

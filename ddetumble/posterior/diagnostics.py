@@ -36,8 +36,6 @@ class Convergence:
 
 def measure_times(x: np.ndarray) -> np.ndarray:
     """Steps of a walker that are worth a draw, at least 1: of an ensemble, shape (steps, walkers, free) to (free,)."""
-    if x.shape[0] < FEWEST:
-        return np.full(x.shape[2], np.inf)
     found = []
     for one in (x, np.abs(x - np.median(x, axis=(0, 1)))):
         means = one.mean(axis=1, keepdims=True)
@@ -57,8 +55,6 @@ def compare_ensembles(x: np.ndarray) -> np.ndarray:
     from arviz_stats.base.array import array_stats
 
     ensembles, steps, _, free = x.shape
-    if steps < FEWEST:
-        return np.full(free, np.inf)
     with np.errstate(all="ignore"):
         found: Any = array_stats.rhat(x[:, steps % 2:].reshape(max(ensembles, 2), -1, free), 0, 1)
     return np.where(np.isfinite(found), found, np.inf)

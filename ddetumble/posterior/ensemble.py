@@ -10,7 +10,7 @@ from .._errors import ComputationError, InputError
 from .._numerics import map_threads
 from .chain import AbstractSampler, Block, Settings
 from .proposal import FEW, Mixture, adapt_mixture, seed_random, start_mixture
-from .target import AbstractTarget
+from .target import TOO_UNCERTAIN, AbstractTarget
 
 
 # Of differential evolution and stretch moves among those that are not independent: the first mix better, the second
@@ -73,8 +73,7 @@ class Ensembles(AbstractSampler):
             if not bad.any():
                 return emcee.State(x, log_prob=value, random_state=random.get_state())
             x[bad] = self.target.draw_inside(rng, self.settings.walkers, WIDER)[: int(bad.sum())]
-        raise ComputationError("the model cannot be computed at draws from the fit's Gaussian: the fit is too "
-                               "uncertain to sample from; add priors or bounds, or fix a parameter")
+        raise ComputationError(TOO_UNCERTAIN)
 
     def advance(self, steps: int) -> Block:
         """As the base class has it."""

@@ -63,14 +63,8 @@ def add_up(values: np.ndarray) -> tuple[float, float]:
 
 
 def smooth_weights(log_weights: np.ndarray, independent: float = 1.0) -> tuple[np.ndarray, float]:
-    """Pareto-smoothed importance weights.
-
-    Args:
-        log_weights: shape (draws,); -inf where the density is none.
-        independent: share of the draws that count as independent.
-
-    Returns:
-        Logarithms of the normalised weights, shape (draws,), and the shape k of their tail.
+    """Pareto-smoothed importance weights: logarithms of the normalised weights and the shape k of their tail, from
+    logarithms, shape (draws,), -inf where the density is none, and the share of draws that count as independent.
     """
     from arviz_stats.base.array import array_stats
 

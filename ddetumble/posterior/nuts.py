@@ -20,7 +20,7 @@ from .._errors import ComputationError, InputError
 from .._numerics import map_threads
 from ..inference.problem import evaluate
 from .chain import AbstractSampler, Block, Settings
-from .target import AbstractTarget, CampaignTarget, CurveTarget
+from .target import TOO_UNCERTAIN, AbstractTarget, CampaignTarget, CurveTarget
 
 
 REACH = 6.0  # standard deviations within which a limit counts: farther off, no draw meets it
@@ -60,11 +60,8 @@ def _misfit_of_curve(target: CurveTarget, x: Array, v: Array) -> Array:
 
 
 def _pose(target: AbstractTarget) -> tuple[Callable[[Array], tuple[Array, Array]], Callable[[Array], Array], int]:
-    """How a target is sampled.
-
-    Returns:
-        Coordinates of the parameters from whitened ones, with the logarithm of the volume's change; the potential of
-        whitened parameters and then nuisances; the number of these nuisances.
+    """How a target is sampled: coordinates of the parameters from whitened ones, with the logarithm of the volume's
+    change; the potential of whitened parameters and then nuisances; the number of these nuisances.
     """
     sd = np.sqrt(np.diag(target.covariance))
     below, above = np.abs(target.centre - target.low), np.abs(target.centre - target.high)
@@ -123,8 +120,7 @@ class Nuts(AbstractSampler):
         starts = 0.5 * jax.random.normal(last, (settings.ensembles, free + nuisances))
         self.states = [kernel.init(key, settings.burn, start, (), {}) for key, start in zip(keys, starts, strict=True)]
         if not all(bool(jnp.isfinite(s.potential_energy)) for s in self.states):
-            raise ComputationError("the model cannot be computed at draws from the fit's Gaussian: the fit is too "
-                                   "uncertain to sample from; add priors or bounds, or fix a parameter")
+            raise ComputationError(TOO_UNCERTAIN)
 
         @partial(jax.jit, static_argnums=1)
         def run(state, steps):

@@ -95,11 +95,8 @@ def draw_nuisances(target: CampaignTarget, x: np.ndarray, rng: np.random.Generat
     """Nuisances of every record given parameters, and the records that these make.
 
     From their Gaussian at coordinates x, shape (draws, free); where the model is not linear in them one of a few draws
-    is chosen, by its density.
-
-    Returns:
-        Nuisances, shape (draws, records, nuisances); whitened residuals, shape (draws, records, rows); channels, shape
-        (draws, records, channels, samples). Draws that the model cannot compute are left out.
+    is chosen, by its density. Nuisances, shape (draws, records, nuisances); whitened residuals, shape (draws, records,
+    rows); channels, shape (draws, records, channels, samples). Draws that the model cannot compute are left out.
     """
     at = target.integrate(x)
     run = partial(_simulate, target.space, target.records.nuisances, target.records.channels, plan=target.plan)

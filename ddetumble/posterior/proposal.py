@@ -125,16 +125,11 @@ def seed_random(*numbers: int) -> np.random.RandomState:
 
 def adapt_mixture(target: AbstractTarget, density: Callable[[np.ndarray], np.ndarray], draws: np.ndarray,
                   random: np.random.RandomState) -> tuple[Mixture, float]:
-    """The proposal by draws of the first steps, and the share of moves that it is to make; by the fit if these are few.
+    """The proposal by draws of the first steps, shape (draws, free), and the share of moves that it is to make; by the
+    fit if these are few. The logarithm of the density takes points of shape (points, free) to (points,).
 
     Draws of the first steps do not tell how good a proposal made from them is, as neither has been in the tails yet:
-    that is what a round of importance sampling is for.
-
-    Args:
-        target: what is sampled.
-        density: logarithm of it, from shape (points, free) to (points,).
-        draws: shape (draws, free); so many more are made in every round.
-        random: random numbers.
+    that is what a round of importance sampling is for, of as many draws again.
     """
     count, free = draws.shape
     if count < 20 * free or not np.all(draws.std(axis=0) > 0):

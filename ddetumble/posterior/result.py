@@ -236,8 +236,7 @@ def summarise_posterior(target: AbstractTarget, sampler: str, settings: Mapping[
         for limit, end, bound, q in ((target.low[k], "lower", "below", 0.95), (target.high[k], "upper", "above", 0.05)):
             if np.isfinite(limit) and np.mean(np.abs(x[..., k] - limit) < 0.5 * x[..., k].std()) > CUT:
                 notes.append(f"the posterior of {name} is truncated at its {end} limit: with 95 % probability it is "
-                             f"{bound} "
-                             f"{float(np.quantile(values, q)):.4g}")
+                             f"{bound} {float(np.quantile(values, q)):.4g}")
                 break
     return Posterior(target, sampler, dict(settings), x, log_density, convergence, dict(statistics), parameters, state,
                      tuple(notes))

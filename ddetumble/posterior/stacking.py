@@ -34,7 +34,7 @@ from ..measurement.campaign import Campaign
 from .loo import COSTLY, Scores, add_up, limit_shape, score_conditions, smooth_weights
 from .proposal import Mixture, describe_draws, seed_random, start_mixture
 from .result import align_table
-from .target import CampaignTarget, pose_fit
+from .target import TOO_UNCERTAIN, CampaignTarget, pose_fit
 
 
 FILE = "weights.json"
@@ -292,11 +292,9 @@ def fit_again(found: Fit, noise: dict[str, Noise] | Any) -> Fit:
 
 
 def draw_about(target: CampaignTarget, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Draws about a fit from a multivariate t, which follows the posterior where need be.
-
-    Returns:
-        Draws, shape (draws, free), likelihoods of all records at them, shape (draws, records), and logarithms of their
-        importance weights, not normalised, shape (draws,).
+    """Draws about a fit from a multivariate t, which follows the posterior where need be, shape (draws, free),
+    likelihoods of all records at them, shape (draws, records), and logarithms of their importance weights, not
+    normalised, shape (draws,).
     """
     random = seed_random(seed, 11)
     proposal, best = start_mixture(target), None
@@ -314,19 +312,13 @@ def draw_about(target: CampaignTarget, seed: int = 0) -> tuple[np.ndarray, np.nd
             break
         proposal = Mixture([describe_draws(x, smooth, 2.0 * target.covariance)], target.low, target.high)
     if best is None:
-        raise ComputationError("the model cannot be computed at draws from the fit's Gaussian: the fit is too "
-                               "uncertain; add priors or bounds, or fix a parameter")
+        raise ComputationError(TOO_UNCERTAIN)
     return best[1:]
 
 
 def stack_weights(elpd: np.ndarray) -> np.ndarray:
-    """Weights of models.
-
-    Args:
-        elpd: logarithm of each model's predictive density of every left-out condition, shape (conditions, models).
-
-    Returns:
-        Shape (models,), not negative, with sum 1; of models that predict alike, even ones.
+    """Weights of models, shape (models,), not negative, with sum 1, of models that predict alike even ones, from the
+    logarithm of each one's predictive density of every left-out condition, shape (conditions, models).
     """
     count = elpd.shape[1]
     if not np.all(np.isfinite(elpd.max(axis=1))):
@@ -349,11 +341,8 @@ def compare_rivals(elpd: np.ndarray, weights: np.ndarray) -> list[tuple[float, f
     """Paired difference of every model's elpd from that of the best, its standard error, and the outcome.
 
     The best is `preferred` where it leads by more than `LEAST` and by more than `ERRORS` standard errors; else
-    `favoured`, where stacking gives it (nearly) all the weight, and `indistinguishable`, where it does not.
-
-    Args:
-        elpd: shape (conditions, models).
-        weights: of the models, by stacking, shape (models,).
+    `favoured`, where stacking gives it (nearly) all the weight, and `indistinguishable`, where it does not. Shapes
+    (conditions, models) and (models,).
     """
     best = int(np.argmax(elpd.sum(axis=0)))
     found: list[tuple[float, float, Outcome]] = []

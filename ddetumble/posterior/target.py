@@ -45,6 +45,8 @@ TRIALS = 24  # draws from the fit's Gaussian at which linearity is judged: a sta
 # Standard deviation, over these, of what the linear integral is off by in the log-likelihood: beyond it nuisances are
 # sampled; below, 5 % in density.
 CURVED = 0.05
+TOO_UNCERTAIN = ("the model cannot be computed at draws from the fit's Gaussian: the fit is too uncertain to sample "
+                 "from; add priors or bounds, or fix a parameter")
 
 
 class Plan(eqx.Module):
@@ -143,13 +145,8 @@ class AbstractTarget(ABC):
 
     @abstractmethod
     def fit_without(self, out: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """Coordinates and their covariance by a fit without some parts, shapes (free,) and (free, free).
-
-        Args:
-            out: which parts are left out, shape (parts,).
-
-        Returns:
-            None where the fit fails, or the rest says nothing about a parameter.
+        """Coordinates and their covariance by a fit without some parts, shapes (free,) and (free, free), `out` of shape
+        (parts,); None where the fit fails, or the rest says nothing about a parameter.
         """
 
     def prior(self, x: np.ndarray) -> np.ndarray:
@@ -259,9 +256,8 @@ def pose_fit(fit: Fit) -> CampaignTarget:
     at, covariance, loose = _know_fit(problem, found, high - low)
     if loose:  # an effect's parameter first: it may be what the reference model's cannot be told from
         raise InputError(f"the records contain no information on {min(loose, key=lambda n: '.' not in n)}, so there "
-                         f"is no "
-                         "posterior to sample; give it a prior or bounds (in fit.toml: [priors], [bounds]), or fix "
-                         "it ([fixed])")
+                         "is no posterior to sample; give it a prior or bounds (in fit.toml: [priors], [bounds]), or "
+                         "fix it ([fixed])")
     # The same reference model with those effects only that are in the model or not at their null.
     moved = {s.owner for k, s in enumerate(full.slots) if s.parameter.kind != "shape" and u[k] != s.parameter.default}
     space = ParameterSpace(full.reference, [e for e in full.effects if e.id in fit.effects or e.id in moved],
