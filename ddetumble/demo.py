@@ -54,7 +54,7 @@ def run_demo(folder: Path | str, echo: Callable[[str], None] = print) -> Path:
 
 def _plan_one(folder: Path, number: int) -> list[str]:
     """Plan a strike with the discovered model, this ball's impact of that number, and say how sure its effect is."""
-    from .planning.measured import list_extrapolations, warn_of_extrapolation
+    from .planning.measured import warn_of_extrapolation
     from .planning.plan import plan_scenario
     from .planning.scenario import BallTable, UncertaintyTable, read_scenario
     from .reports.plan import write_plan
@@ -70,6 +70,6 @@ def _plan_one(folder: Path, number: int) -> list[str]:
     left = found.assessment.whole.momentum
     told = (f"It removes {100 * (1 - left.mean):.2f} ± {100 * left.sd:.2f} % of the angular momentum (90 % of the "
             f"draws: {100 * (1 - left.q95):.2f} to {100 * (1 - left.q05):.2f} %).")
-    beyond = warn_of_extrapolation(list_extrapolations(found.ranges, found.impacts, found.problem.conditions))
+    beyond = warn_of_extrapolation(found.ranges, found.impacts, found.problem.conditions)
     return [told, *found.assessment.sentences[1:], *filter(None, [beyond]), f"The page says where, how fast and when: "
                                                                             f"{page}"]

@@ -208,11 +208,11 @@ def test_without_uncertainty_the_plan_stays(planned):
 def test_slopes_of_the_tail_are_those_of_differences(planned):
     """What is planned for and the tail means of all constraints, through every draw."""
     problem, plan = planned
-    search = RobustProblem(problem, vary_law(LAW, STATED, draws=5), "tail", 0.4)
+    search = RobustProblem(problem, 0, vary_law(LAW, STATED, draws=5), "tail", 0.4)
     x = plan.x + np.array([0.02, -0.03, 0.05, 0.04, -0.02, 0.1, 0.01])
-    slopes = search.slopes(0, x)
+    slopes = search.slopes(x)
     for k, step in enumerate(1e-4 * np.eye(7)):
-        ahead, behind = (search.values(0, x + sign * step) for sign in (1, -1))
+        ahead, behind = (search.values(x + sign * step) for sign in (1, -1))
         np.testing.assert_allclose(slopes[:, k], (ahead - behind) / 2e-4, atol=3e-3 * np.abs(slopes).max())
 
 

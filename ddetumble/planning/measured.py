@@ -163,9 +163,10 @@ def format_extrapolation(found: Extrapolation) -> str:
     return f"{name} {say_value(quantity, found.value, one.unit)} (measured {low} {high})"
 
 
-def warn_of_extrapolation(found: Sequence[Extrapolation]) -> str:
-    """One sentence with the farthest value of every quantity; '' where all was measured."""
+def warn_of_extrapolation(ranges: Sequence[MeasuredRange], impacts: Sequence[StrikePlan], conditions=None) -> str:
+    """One sentence with the farthest value of every quantity; '' where all was measured; as `list_extrapolations`."""
     worst: dict[MeasuredRange, Extrapolation] = {}
+    found = list_extrapolations(ranges, impacts, conditions)
     for one in sorted(found, key=lambda one: max(one.value - one.measured.high, one.measured.low - one.value)):
         worst[one.measured] = one
     if not worst:

@@ -13,14 +13,7 @@ from ..inference.archive import AbstractFitted, FittedModel, take_fitted
 from ..measurement.units import format_time
 from .draws import Laws, draw_laws
 from .execution import Spread, try_errors
-from .measured import (
-    MeasuredRange,
-    confine,
-    find_measured_ranges,
-    list_extrapolations,
-    list_ranges,
-    warn_of_extrapolation,
-)
+from .measured import MeasuredRange, confine, find_measured_ranges, list_ranges, warn_of_extrapolation
 from .prices import Price, price_limits
 from .problem import StrikeProblem
 from .robust import plan_robust_strike
@@ -152,8 +145,7 @@ class Plan(AbstractPrinted):
                         f"part.")
         if self.beyond is not None:
             said.append(_say_price(found, self.beyond))
-        beyond = list_extrapolations(self.ranges, self.impacts, self.problem.conditions)
-        return " ".join([*said, warn_of_extrapolation(beyond)]).rstrip()
+        return " ".join([*said, warn_of_extrapolation(self.ranges, self.impacts, self.problem.conditions)]).rstrip()
 
     def __str__(self) -> str:
         """What was found, and how sure that is."""

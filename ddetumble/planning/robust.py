@@ -69,9 +69,9 @@ class RobustProblem:
     s so, and 0.58 s in a program of their own under `vmap`, which integrates all as long as the longest.
     """
 
-    def __init__(self, problem: StrikeProblem, laws: Laws, aim: Aim, tail: float):
-        self.problems, self.weights, self.tally = pose_draws(problem, laws.draws), laws.shares(), Tally()
-        self.shares = tail if aim == "tail" else 1.0, tail
+    def __init__(self, problem: StrikeProblem, face: int, laws: Laws, aim: Aim, tail: float):
+        self.problems, self.face, self.tally = pose_draws(problem, laws.draws), face, Tally()
+        self.weights, self.shares = laws.shares(), (tail if aim == "tail" else 1.0, tail)
 
     def judge(self, drawn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Objective and constraints, shape (1 + constraints,), of values under every law, and the draws' shares in
@@ -81,20 +81,20 @@ class RobustProblem:
         kept, others = smooth_tail(-drawn[:, 1:], self.weights, self.shares[1], NARROW)
         return np.concatenate([wanted, -kept]), np.concatenate([first, others], axis=1)
 
-    def values(self, face: int, x: np.ndarray) -> np.ndarray:
+    def values(self, x: np.ndarray) -> np.ndarray:
         """Objective and constraints, shape (1 + constraints,)."""
         self.tally.values += len(self.problems)
-        return self.judge(evaluate_draws(self.problems, face, x))[0]
+        return self.judge(evaluate_draws(self.problems, self.face, x))[0]
 
-    def slopes(self, face: int, x: np.ndarray) -> np.ndarray:
+    def slopes(self, x: np.ndarray) -> np.ndarray:
         """Their derivatives by the seven variables, shape (1 + constraints, 7)."""
         self.tally.slopes += len(self.problems)
-        drawn, slopes = map(np.stack, zip(*(compute_slopes(one, face, x) for one in self.problems), strict=True))
+        drawn, slopes = map(np.stack, zip(*(compute_slopes(one, self.face, x) for one in self.problems), strict=True))
         return np.einsum("dc,dcv->cv", self.judge(drawn)[1], slopes)
 
-    def wanted(self, face: int, x: np.ndarray) -> float:
+    def wanted(self, x: np.ndarray) -> float:
         """The objective alone, not counted; NaN where a draw cannot be integrated."""
-        drawn = evaluate_draws(self.problems, face, x)
+        drawn = evaluate_draws(self.problems, self.face, x)
         return np.nan if drawn[:, 0].max() >= LOST else float(self.judge(drawn)[0][0])
 
 
@@ -113,10 +113,9 @@ def plan_robust_strike(problem: StrikeProblem, plan: StrikePlan, laws: Laws, *, 
         A plan whose `score` is what was made small, whose `values` are the tail means of the constraints and whose
         certificate is that of this problem; `design` and `collision` are those under the best estimate.
     """
-    (face, first), robust = plan.place, RobustProblem(problem, laws, aim, tail)
-    values = remember(lambda z: robust.values(face, z))
-    slopes = remember(lambda z: robust.slopes(face, z))
-    bounds = find_bounds(problem, face)
+    face, first = plan.place
+    robust, bounds = RobustProblem(problem, face, laws, aim, tail), find_bounds(problem, face)
+    values, slopes = remember(robust.values), remember(robust.slopes)
 
     def order(x):
         value = values(x)
@@ -125,5 +124,5 @@ def plan_robust_strike(problem: StrikeProblem, plan: StrikePlan, laws: Laws, *, 
 
     x = min([descend(values, slopes, first, bounds, STEPS), np.asarray(first)], key=order)
     value = values(x)
-    [certificate] = certify(lambda z: robust.wanted(face, z), value, slopes(x), bounds, x)
+    [certificate] = certify(robust.wanted, value, slopes(x), bounds, x)
     return make_plan(problem, face, x, certificate, robust.tally, value, KEPT)

@@ -69,9 +69,8 @@ def set_limits(saved: FittedModel, entries: Mapping[str, Range] | Sequence[str] 
         assert saved.sampling is not None
         fastest = max(x for name, x in saved.sampling.largest.items() if name in family.main)
         known |= dict.fromkeys(family.starts, (-fastest, fastest))
-    if isinstance(entries, Mapping):
-        entries = {k: _write_range(expand_role(k, family.kind), v) for k, v in entries.items()}
-    given = {expand_role(k, family.kind): v for k, v in read_pairs("limit", entries).items()}
+    pairs = entries if isinstance(entries, Mapping) else read_pairs("limit", entries)
+    given = {expand_role(k, family.kind): v for k, v in pairs.items()}
     strange = [name for name in given if name not in known]
     if strange:
         raise InputError(f"--limit: there is no condition {strange[0]!r}; this campaign has "
@@ -98,31 +97,25 @@ def set_limits(saved: FittedModel, entries: Mapping[str, Range] | Sequence[str] 
     return tuple(found)
 
 
-def _write_range(name: str, given: Range) -> str:
-    """A range of a condition as text: `0.2..2 m/s`."""
+def _read_range(name: str, given: Range) -> tuple[float, float]:
+    """`0.2..2 m/s`, or one value with its unit, in SI; numbers are so already."""
     if isinstance(given, str):
-        return given
-    ends = given if isinstance(given, (tuple, list)) else (given,)
-    unit = si_unit(name)
-    return "..".join(f"{float(end)!r}" for end in ends) + ("" if unit == "1" else f" {unit}")
-
-
-def _read_range(name: str, text: str) -> tuple[float, float]:
-    """`0.2..2 m/s`, or one value with its unit, in SI."""
-    match = re.fullmatch(rf"\s*({NUMBER})(?:\s*\.\.\s*({NUMBER}))?\s*([^\d.].*)?", text, re.ASCII | re.DOTALL)
-    if match is None:
-        raise InputError(f"--limit {name} takes LOW..HIGH UNIT, such as '0.2..2 {si_unit(name)}', not {text!r}")
-    if not match[3] and si_unit(name) != "1":
-        raise InputError(f"--limit {name} needs a unit: write it like '{text.strip()} {si_unit(name)}'")
-    unit = check_unit(match[3] or "1", name)
-    low, high = (float(unit.convert(float(x))) for x in (match[1], match[2] or match[1]))
+        match = re.fullmatch(rf"\s*({NUMBER})(?:\s*\.\.\s*({NUMBER}))?\s*([^\d.].*)?", given, re.ASCII | re.DOTALL)
+        if match is None:
+            raise InputError(f"--limit {name} takes LOW..HIGH UNIT, such as '0.2..2 {si_unit(name)}', not {given!r}")
+        if not match[3] and si_unit(name) != "1":
+            raise InputError(f"--limit {name} needs a unit: write it like '{given.strip()} {si_unit(name)}'")
+        unit = check_unit(match[3] or "1", name)
+        low, high = (float(unit.convert(float(x))) for x in (match[1], match[2] or match[1]))
+    else:
+        low, high = map(float, given if isinstance(given, (tuple, list)) else (given, given))
     if not (math.isfinite(low) and math.isfinite(high)):
-        raise InputError(f"--limit {name} is not finite: {text!r}")
+        raise InputError(f"--limit {name} is not finite: {given!r}")
     if high < low:
-        raise InputError(f"--limit {name} must have the lower value first, not {text!r}")
+        raise InputError(f"--limit {name} must have the lower value first, not {given!r}")
     signed = name.startswith("angular_velocity")
     if not signed and (low < 0 or (low == 0 and name in ("approach_speed", "normal_load", "slip_speed"))):
-        raise InputError(f"--limit {name} must be positive: {text!r}")
+        raise InputError(f"--limit {name} must be positive: {given!r}")
     return low, high
 
 
