@@ -46,7 +46,7 @@ class Certificate:
     """How well a plan is founded."""
 
     stationarity: float  # what is left of the gradient after the binding constraints' share, over the gradient [-]
-    # Largest difference of the gradient from central differences, over the gradient [-]; 1 where there is none
+    # Largest difference of the gradient from central differences, over the gradient [-]; 1 where there is none.
     gradient_error: float
     binding: dict[str, float]  # names of the constraints and bounds that hold the plan, with their multipliers [-]
 

@@ -90,9 +90,9 @@ class Prospect:
     best: np.ndarray  # the same under the best estimate, shape (impacts,) [-]
     reached: float  # probability that no more than the wanted share is left at the end
     # Probability that a constraint of an impact does not hold, by the impact's number and its name; only those that are
-    # not nought
+    # not nought.
     violated: dict[str, float]
-    # Probability that the sequence cannot be struck to its end, as an impact misses or cannot be integrated
+    # Probability that the sequence cannot be struck to its end, as an impact misses or cannot be integrated.
     lost: float
     sentence: str  # all of that in words
 
