@@ -36,14 +36,9 @@ def smooth_tail(values: np.ndarray, weights: np.ndarray, tail: float, width: flo
     between the mean and the exact tail mean, at most $\frac\delta2 (1/\alpha - 1)$ below this. Draws that agree lose
     nothing.
 
-    Args:
-        values: shape (draws, columns).
-        weights: with sum 1, shape (draws,).
-        tail: share of the weight, $\alpha$; 1 for the mean.
-        width: $\delta$, in units of the values.
-
-    Returns:
-        The value, shape (columns,), and the draws' shares in its derivative $q$, shape (draws, columns).
+    Of values of shape (draws, columns), weights with sum 1, `tail` $\alpha$, 1 for the mean, and `width` $\delta$, in
+    units of the values: the value, shape (columns,), and the draws' shares $q$ in its derivative, shape (draws,
+    columns).
     """
     own = weights[:, None]
 

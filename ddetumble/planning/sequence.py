@@ -196,14 +196,11 @@ def move_on(problem: StrikeProblem, plan: StrikePlan) -> StrikeProblem:
 
 def plan_sequence(problem: StrikeProblem, share: float, most: int, *, starts: int = STARTS, seed: int = 0,
                   revise: Revise | None = None, progress: Progress | None = None) -> Sequence:
-    """Plan impacts one after the other, each the best from what the one before left, its wait chosen too.
+    """Plan impacts one after the other, each the best from what the one before left, its wait chosen too (within
+    `limits.window`), until a share of the angular momentum or less is left, or there are the most that may be.
 
-    Args:
-        problem: of the first impact; `limits.window` is the shortest and longest wait.
-        share: of the angular momentum at which it ends [-].
-        most: impacts at most.
-        starts, seed, progress: as of `plan_strike`.
-        revise: changes each plan, for what is uncertain; the motion goes on as the best estimate has it.
+    `revise` changes each plan, for what is uncertain; the motion goes on as the best estimate has it. `starts` and
+    `seed` are as of `plan_strike`.
 
     Raises:
         ComputationError: where not even a first impact could be planned.

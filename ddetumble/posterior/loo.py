@@ -91,17 +91,10 @@ def limit_shape(draws: int) -> float:
 
 def score_conditions(target: AbstractTarget, x: np.ndarray, likelihoods: np.ndarray, base: np.ndarray | None = None, *,
                      independent: float = 1.0, seed: int = 0, report: Progress = lambda text, share: None) -> Scores:
-    """Leave every condition out once.
+    """Leave every condition out once, by draws, shape (draws, free), and likelihoods of parts, shape (draws, parts).
 
-    Args:
-        target: the posterior of all records.
-        x: draws, shape (draws, free).
-        likelihoods: of every part at them, shape (draws, parts).
-        base: logarithm of posterior over the density that the draws come from, shape (draws,); None for draws from the
-            posterior.
-        independent: share of the draws that count as independent.
-        seed: of the draws about refits.
-        report: called with a sentence and the share done.
+    `base` is the logarithm of the posterior over the density that the draws come from, shape (draws,), None for draws
+    from the posterior; `independent` the share of them that count as independent; `seed` is of draws about refits.
     """
     base = np.zeros(len(x)) if base is None else base
     numbers = np.unique(target.groups)
