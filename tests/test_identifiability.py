@@ -10,7 +10,8 @@ import pytest
 from helpers_statistics import fit_toy, make_selection
 
 from ddetumble.inference import identifiability
-from ddetumble.inference.identifiability import Blend, analyse_jacobian, list_unproven, list_words, measure_spread
+from ddetumble.inference.identifiability import Blend, analyse_jacobian, list_unproven, measure_spread
+from ddetumble.measurement.quantities import join_words
 
 
 FAR = np.array([1e3, 1e3])
@@ -224,7 +225,7 @@ def test_spread_along_a_combination():
 
 
 def test_words():
-    assert [list_words("abc"[:n]) for n in (1, 2, 3)] == ["a", "a and b", "a, b and c"]
+    assert [join_words("abc"[:n]) for n in (1, 2, 3)] == ["a", "a and b", "a, b and c"]
 
 
 @pytest.fixture(scope="module")

@@ -144,7 +144,7 @@ def _read_choice(family: str, own: Path | None, model: str | None, effects: Sequ
     from ..contact.effect import parameters_of
     from ..inference.archive import resolve_model
     from ..inference.models import resolve_effect
-    from ..measurement.headings import read_pairs
+    from ..measurement.columns import read_pairs
 
     resolved = resolve_model(model, family)
     classes = [*(type(effect) for effect in resolved.effects), *map(resolve_effect, names)]

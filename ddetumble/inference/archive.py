@@ -350,8 +350,7 @@ def take_fitted(model: str | Path | FittedModel | AbstractFitted) -> FittedModel
         return model
     if not isinstance(model, (str, Path)):
         raise InputError(f"{type(model).__name__} is not a fitted model: give what fit or discover returned, or a "
-                         f"folder "
-                         "that they wrote")
+                         "folder that they wrote")
     return load(model)
 
 

@@ -109,9 +109,8 @@ def _list_warnings(campaign: Campaign, space: ParameterSpace, reference: Abstrac
         found.append(f"Under known, {', '.join(map(repr, unknown))} {is_are} of the model and had no effect.")
     if isinstance(reference, Striker) and campaign.known.get("rolling_mass") is None:
         found.append(f"The rolling_mass is not under known, so {float(reference.rolling_mass):g} kg is assumed; the "
-                     f"motion "
-                     "of the ball once it grips depends on it. It is two thirds of the mass of a thin hollow ball, two "
-                     "fifths of that of a solid one, and 1e6 kg where the ball cannot turn.")
+                     "motion of the ball once it grips depends on it. It is two thirds of the mass of a thin hollow "
+                     "ball, two fifths of that of a solid one, and 1e6 kg where the ball cannot turn.")
     if isinstance(reference, RubberFriction):
         outside: dict[str, list[str]] = {}
         for key, load in zip(campaign.record_keys, campaign.records["normal_load"].to_numpy(dtype=float), strict=True):

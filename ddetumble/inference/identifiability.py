@@ -9,6 +9,7 @@ import numpy as np
 
 from ..contact.effect import read_validity
 from ..measurement.campaign import Campaign
+from ..measurement.quantities import join_words
 from ..measurement.units import si_unit
 from .parameters import ParameterSpace
 from .problem import Problem, Solution
@@ -223,7 +224,7 @@ def describe_knowledge(problem: Problem, solution: Solution, known: Knowledge, c
     found = [f"These records contain no information on {name}: it changes them by less than their noise."
              for name in known.silent]
     for k, blend in enumerate(known.blends):
-        change, members = _format_change(problem.space, solution, blend), list_words(blend.names)
+        change, members = _format_change(problem.space, solution, blend), join_words(blend.names)
         if blend.singular:
             text = (f"{members} cannot be distinguished: {change} changes no record beyond its noise, so only "
                     "their combination is determined, not the single values")
@@ -268,8 +269,8 @@ def _format_change(space: ParameterSpace, solution: Solution, blend: Blend) -> s
             size = f"{abs(change / before) * 100:.2g} %"
         else:
             size = f"{abs(change):.2g} {space.unit(name, solution.u)}".rstrip()
-        parts.append((name, change, size))
-    return list_changes(parts)
+        parts.append(f"{'raising' if change > 0 else 'lowering'} {name} by {size}")
+    return join_words(parts)
 
 
 def _format_remedy(remedy: Remedy, blend: Blend) -> str:
@@ -376,14 +377,3 @@ def measure_spread(rows: np.ndarray, columns: np.ndarray, blend: Blend) -> float
     unit = rows / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     _, s, right = np.linalg.svd(unit, full_matrices=False)
     return float(np.linalg.norm((right @ blend.direction) / np.maximum(s, 1e-6)))
-
-
-def list_changes(changes: Sequence[tuple[str, float, str]]) -> str:
-    """Changes of parameters (name, sign, size) in words, such as `raising a by 1 % and lowering b by 0.02`."""
-    return list_words([f"{'raising' if sign > 0 else 'lowering'} {name} by {size}" for name, sign, size in changes])
-
-
-def list_words(words: Sequence[str]) -> str:
-    """Words with commas and an `and`."""
-    words = list(words)
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

@@ -1,7 +1,5 @@
 """`fits/NAME/fit.toml`: one file that specifies a fit completely."""
 
-import hashlib
-import tomllib
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,6 +9,8 @@ from pydantic import Field, StrictBool, StrictFloat, StrictInt, StrictStr
 from .._errors import InputError
 from .._settings import find_data
 from .._user_files import split_name
+from ..measurement.tables import read_toml
+from .files import hash_file
 
 
 SCHEMA = "ddetumble.fit/1"
@@ -103,17 +103,7 @@ def read_specification(path) -> tuple[Specification, str]:
     """
     path = Path(path)
     path = path / "fit.toml" if path.is_dir() else path
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError("this file does not exist" if isinstance(error, FileNotFoundError) else
-                         f"the file cannot be read ({error.strerror or error})", file=path) from None
-    try:
-        content = tomllib.loads(data.decode("utf-8"))
-    except UnicodeDecodeError:
-        raise InputError("the file is not text in UTF-8", file=path) from None
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise InputError(f"this is not a TOML file: {error}", file=path) from None
+    content = read_toml(path)
     if content.get("schema") != SCHEMA:
         raise InputError(f"the schema must be {SCHEMA!r}; it is {content.get('schema')!r}", file=path, key="schema")
     try:
@@ -133,10 +123,9 @@ def read_specification(path) -> tuple[Specification, str]:
     places = [place for place in (path.parent / found.campaign, find_data() / found.campaign) if place.exists()]
     if not places:
         raise InputError(f"there is no campaign {found.campaign!r}, neither relative to this file's folder nor among "
-                         f"those "
-                         "that come with the toolkit", file=path, key="campaign")
+                         "those that come with the toolkit", file=path, key="campaign")
     update = {"campaign": str(places[0]), "model": see(found.model), "effects": [see(name) for name in found.effects]}
-    return found.model_copy(update=update), hashlib.sha256(data).hexdigest()
+    return found.model_copy(update=update), hash_file(path)
 
 
 def _join_names(table: dict, priors: bool) -> dict:

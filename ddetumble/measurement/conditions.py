@@ -4,8 +4,7 @@ import re
 from pathlib import Path
 
 from .._errors import InputError, error_place
-from .columns import Plan, read_unit
-from .headings import guess_role, is_counter, name_condition
+from .columns import Plan, guess_role, is_counter, name_condition, read_unit
 from .layout import RawFile
 from .recordings import read_files, split_sheet
 from .tables import Table, convert_column, read_texts

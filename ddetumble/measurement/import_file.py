@@ -1,7 +1,6 @@
 """`import.toml`: an import as a file that can be kept with the data, with the names of the options."""
 
 import difflib
-import tomllib
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from .._errors import InputError
 from .._user_files import split_name
 from .kinds import take_kind
 from .recordings import split_sheet
-from .tables import decode, read_bytes
+from .tables import read_toml
 
 
 RAW, GAUGE = "raw", "gauge"
@@ -28,10 +27,7 @@ def read_import_file(path, names: Collection[str]) -> dict[str, Any]:
         InputError: The file cannot be read, or a key or value is none that an import takes.
     """
     path = Path(path)
-    try:
-        given = tomllib.loads(decode(read_bytes(path), str(path)))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"this is no TOML: {error}", file=path) from None
+    given = read_toml(path)
     for key, value in given.items():
         near = difflib.get_close_matches(key, [RAW, *names], n=1)
         if key != RAW and key not in names:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from .._errors import InputError, error_place
 from .._user_files import place_file, require_trust, run_file, split_name, trust_file
-from .sizes import Measure, measure_impact, measure_nothing, measure_slip, measure_tumbling
+from .sizes import Measure, measure_impact, measure_slip, measure_tumbling
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +59,7 @@ class RecordKind:
     has_contact: bool = False
     path: str = ""
     rates: tuple[str, ...] = ()
-    measure: Measure = measure_nothing
+    measure: Measure = lambda trace, settings: {}
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
@@ -191,8 +191,7 @@ def take_kind(given: Any, folder: Path | None = None) -> str:
             *first, last = list_kinds()
             more = f"; {ELSEWHERE[given]}" if given in ELSEWHERE else ""
             raise InputError(f"the family must be {', '.join(first)} or {last}, or FILE.py:NAME for one of your own, "
-                             f"not "
-                             f"{given!r}{more}")
+                             f"not {given!r}{more}")
         return given
     file, variable = own
     if folder is not None:
@@ -212,8 +211,7 @@ def _take(own: _Own) -> str:
     with error_place(file=own.file or None):
         if not isinstance(kind, RecordKind) or getattr(own.given, "name", None) != kind.name:
             raise InputError(f"{own.variable or own.given!r} is not a kind of tests: it must be a `Family` whose "
-                             f"`kind` "
-                             "has the same name")
+                             "`kind` has the same name")
         before = _TAKEN.get(kind.name)
         if kind.name in KINDS or kind.name in ELSEWHERE or before is not None and before.file != own.file:
             where = f" in {before.file}" if before is not None and before.file else ""

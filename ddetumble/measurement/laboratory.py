@@ -11,10 +11,9 @@ from .._errors import InputError, error_place
 from .alignment import RawTest, align_tests, start_clocks, take_means, turn_axes, turn_friction
 from .campaign import Campaign, Column
 from .checks import check_keys, check_known, check_record, check_values
-from .columns import FRICTION_TEST, Plan, choose_columns, find_unit, make_plan
+from .columns import FRICTION_TEST, Plan, choose_columns, expand_role, find_unit, make_plan, read_pairs
 from .conditions import read_conditions, read_names
 from .faults import find_truncated
-from .headings import expand_role, read_pairs
 from .import_file import read_import_file
 from .kinds import DEFAULT_KIND, RecordKind, find_kind, take_kind
 from .layout import RawFile

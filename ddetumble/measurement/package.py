@@ -185,8 +185,7 @@ def _describe_field(field: FieldModel, resource: str, known: dict, notes: list[s
         offset = known.get("ambient_pressure")
         if offset is None:
             raise InputError('gauge pressures need the ambient pressure: add "ambient_pressure", such as "101.3 kPa", '
-                             'as '
-                             "measured")
+                             "as measured")
         if any(one is not None and one.relative is not None for one in (uncertainty, common)):
             raise InputError('the uncertainty of a gauge pressure must be absolute, like "2 kPa" (per cent of what?)')
         notes.append(f"The gauge pressures of {name} were made absolute with the stated ambient_pressure.")

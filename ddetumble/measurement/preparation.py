@@ -7,7 +7,7 @@ import numpy as np
 from .._errors import InputError, error_place
 from .alignment import RawTest
 from .checks import FEWEST_SAMPLES
-from .headings import expand_role, read_pairs
+from .columns import expand_role, read_pairs
 from .kinds import RecordKind
 from .units import parse_quantity, si_unit
 

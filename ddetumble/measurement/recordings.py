@@ -18,9 +18,11 @@ from .tables import find_file
 
 
 TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc")
-_SHEETS = {".xlsx": "openpyxl", ".xlsm": "openpyxl", ".ods": "odfpy"}
+_SHEETS = (".xlsx", ".xlsm", ".ods")
 # Reader of a format, the library it needs, and whether its groups belong to one measurement, each with its own clock.
 _READERS = {
+    **dict.fromkeys((".xlsx", ".xlsm"), ("spreadsheet", "openpyxl", False)),
+    ".ods": ("spreadsheet", "odfpy", False),
     ".mat": ("matlab", "h5py", False),
     **dict.fromkeys((".h5", ".hdf5", ".hdf", ".nxs", ".nc"), ("hdf5", "h5py", False)),
     ".tdms": ("tdms", "npTDMS", False),
@@ -30,7 +32,7 @@ _READERS = {
     **dict.fromkeys((".mcap", ".db3"), ("messages", "mcap and rosbags", True)),
 }
 BAG = "metadata.yaml"  # makes a folder a rosbag2
-ENDINGS = (*TEXT, *_SHEETS, *_READERS)
+ENDINGS = (*TEXT, *_READERS)
 # Share of a sampling interval within which times of two clocks are one: decimal steps are rounded in the last digits.
 SAME = 1e-6
 SHOWN = 12  # names of groups in a message
@@ -119,7 +121,7 @@ def read_files(path, *, sheet: str | None = None, leave_out: str | None = None, 
     """
     path = Path(path)
     ending = path.suffix.lower()
-    if not is_bag(path) and ending not in (*_SHEETS, *_READERS):
+    if not is_bag(path) and ending not in _READERS:
         if sheet is not None:
             raise InputError("a text file has no sheets; leave out --sheet", file=path)
         return [read_layout(path, delimiter=delimiter, decimal=decimal)]
@@ -165,7 +167,7 @@ def list_channels(path) -> tuple[Channel, ...]:
 def split_sheet(path) -> tuple[Path, str | None]:
     """File and sheet of `FILE.xlsx:SHEET`; a path that exists is one."""
     file, colon, sheet = str(path).rpartition(":")
-    named = colon and not Path(path).exists() and Path(file).suffix.lower() in (*_SHEETS, *_READERS)
+    named = colon and not Path(path).exists() and Path(file).suffix.lower() in _READERS
     return (Path(file), sheet) if named else (Path(path), None)
 
 
@@ -177,7 +179,7 @@ def is_bag(path: Path) -> bool:
 def _read_groups(path: Path) -> dict:
     """Rows of cells by sheet, or channels by group; whatever a library raises becomes one sentence."""
     ending = ".db3" if is_bag(path) else path.suffix.lower()
-    module, library, together = ("spreadsheet", _SHEETS[ending], False) if ending in _SHEETS else _READERS[ending]
+    module, library, together = _READERS[ending]
     if not is_bag(path):
         find_file(path)
     logged = logging.root.manager.disable
@@ -185,9 +187,7 @@ def _read_groups(path: Path) -> dict:
     try:
         with warnings.catch_warnings(), error_place(file=str(path)):
             warnings.simplefilter("ignore")
-            reader = importlib.import_module(f".formats.{module}", __package__)
-            read = getattr(reader, "read_sheets" if ending in _SHEETS else f"read_{module}")
-            found = read(path)
+            found = getattr(importlib.import_module(f".formats.{module}", __package__), f"read_{module}")(path)
     except InputError:
         raise
     except ImportError as error:

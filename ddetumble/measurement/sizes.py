@@ -24,11 +24,6 @@ class Size:
 Measure = Callable[[pd.DataFrame, Mapping[str, float]], dict[str, Size]]
 
 
-def measure_nothing(trace: pd.DataFrame, settings: Mapping[str, float]) -> dict[str, Size]:
-    """No size of a record is asked about."""
-    return {}
-
-
 def measure_impact(trace: pd.DataFrame, settings: Mapping[str, float]) -> dict[str, Size]:
     """Duration, moving mass, stiffness over that of the gas, and depression of one impact."""
     if "normal_force" not in trace or "approach_speed" not in settings:

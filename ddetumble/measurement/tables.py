@@ -8,6 +8,7 @@ import csv
 import io
 import math
 import re
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -85,6 +86,14 @@ def decode(data: bytes, file: str, encoding: str = "utf-8") -> str:
         line = data.count(b"\n", 0, error.start) + 1
         problem = f"byte 0x{data[error.start]:02x} is not valid {encoding.upper()}; save the file as UTF-8"
         raise InputError(problem, file=file, row=line) from None
+
+
+def read_toml(path: Path) -> dict:
+    """Content of a TOML file; what is none is refused."""
+    try:
+        return tomllib.loads(decode(read_bytes(path), str(path)))
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise InputError(f"this is not a TOML file: {error}", file=path) from None
 
 
 def split_rows(text: str, file: str, delimiter: str, quote: str = '"', strict: bool = True

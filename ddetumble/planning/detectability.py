@@ -30,7 +30,7 @@ from ..inference.files import list_versions, make_plain, write_json
 from ..inference.models import ResolvedModel
 from ..measurement.campaign import Campaign, Column, Uncertainty
 from ..measurement.checks import check_known, check_values
-from ..measurement.headings import expand_role, read_pairs
+from ..measurement.columns import expand_role, read_pairs
 from ..measurement.kinds import list_kinds
 from ..measurement.layout import split_heading
 from ..measurement.tables import Table, convert_column, read_table

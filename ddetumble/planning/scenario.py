@@ -5,7 +5,6 @@ key.
 """
 
 import dataclasses as dc
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
@@ -30,7 +29,7 @@ from ..dynamics.bodies import AbstractBody, Box, Cylinder, Sphere, read_mesh
 from ..dynamics.surfaces import make_debris
 from ..inference.archive import load
 from ..inference.models import is_fitted
-from ..measurement.tables import decode, read_bytes
+from ..measurement.tables import read_toml
 from ..measurement.units import convert_text
 from .draws import Laws, draw_laws, find_models, vary_law
 from .problem import Goal, Limits, StrikeProblem
@@ -324,10 +323,7 @@ def read_scenario(path) -> Scenario:
         InputError: It is not there, no TOML, or says something that is not understood; the key is named.
     """
     path = Path(path)
-    try:
-        content = tomllib.loads(decode(read_bytes(path), str(path)))
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise InputError(f"this is not a TOML file: {error}", file=path) from None
+    content = read_toml(path)
     if content.get("schema") != SCHEMA:
         raise InputError(f"the schema must be {SCHEMA!r}; it is {content.get('schema')!r}", file=path, key="schema")
     try:

@@ -10,7 +10,7 @@ from ..contact.effect import read_validity
 from ..dynamics.spinning import ATTITUDES
 from ..families import find_family
 from ..inference.archive import FittedModel
-from ..measurement.headings import expand_role, read_pairs
+from ..measurement.columns import expand_role, read_pairs
 from ..measurement.units import NUMBER, check_unit, parse_uncertainty, si_unit
 
 

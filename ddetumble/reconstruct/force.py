@@ -165,8 +165,7 @@ def _check(campaign: Campaign, resolved: ResolvedModel):
                          f"its channels are: {', '.join(campaign.channels)}")
     if "gas" not in resolved.reference.provides:
         raise InputError(f"the model {resolved.name!r} has no gas; identify computes the force from the pressure of "
-                         f"the "
-                         "gas and the contact area")
+                         "the gas and the contact area")
 
 
 def _refuse_few(campaign: Campaign, key: str, used: np.ndarray, what: str, remedy: str = "") -> None:

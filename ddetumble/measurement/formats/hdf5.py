@@ -71,20 +71,16 @@ def _is_text(item) -> bool:
 
 def _read_numbers(item) -> np.ndarray:
     """Values of a data set, unpacked and with missing ones as NaN where its attributes say so (netCDF's rule)."""
+    import h5py
+
     if item.dtype.kind not in "fiub":
-        return np.asarray(item.asstr()[()] if item.dtype.kind == "O" and _holds_texts(item) else item[()])
+        return np.asarray(item[()] if h5py.check_string_dtype(item.dtype) is None else item.asstr()[()])
     values, attributes = item[()], item.attrs
     if not {"_FillValue", "scale_factor", "add_offset"} & set(attributes):
         return values
     missing = values == attributes["_FillValue"] if "_FillValue" in attributes else False
     values = values * np.ravel(attributes.get("scale_factor", 1.0))[0] + np.ravel(attributes.get("add_offset", 0.0))[0]
     return np.where(missing, np.nan, values)
-
-
-def _holds_texts(item) -> bool:
-    import h5py
-
-    return h5py.check_string_dtype(item.dtype) is not None
 
 
 def _read_text(item, name: str) -> str | None:

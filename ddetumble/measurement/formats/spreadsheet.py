@@ -12,7 +12,7 @@ Rows = list[tuple[int, list[str]]]
 MOST_EMPTY = 1000  # repeated cells of an OpenDocument row that are taken one by one: more are the rest of the sheet
 
 
-def read_sheets(path: Path) -> dict[str, Rows]:
+def read_spreadsheet(path: Path) -> dict[str, Rows]:
     """Line number and cells of the rows of every sheet with something in it; sheets in the order of the file."""
     with zipfile.ZipFile(path) as parts:  # says how large its parts are before they are unpacked
         refuse_memory(CELLS * sum(part.file_size for part in parts.infolist()), f"reading {path}")
