@@ -25,23 +25,16 @@ from .stack import list_commons
 
 @dc.dataclass(frozen=True)
 class Assembly:
-    """Everything that a model of a campaign may hold.
+    """Everything that a model of a campaign may hold."""
 
-    Attributes:
-        space: of all parameters.
-        catalogue, directions: effects and test directions that the campaign's model may have.
-        left_out: ids of effects that need what model or campaign lack.
-        start: coordinates, known parameters put in, effects at their null, shape (parameters,).
-        base: free parameters of the reference model.
-        warnings: sentences on what is assumed, and on records outside the range in which the reference model holds.
-    """
-
-    space: ParameterSpace
+    space: ParameterSpace  # of all parameters
+    # catalogue, directions: effects and test directions that the campaign's model may have
     catalogue: tuple[type[AbstractEffect], ...]
     directions: tuple[type[AbstractEffect], ...]
-    left_out: tuple[str, ...]
-    start: np.ndarray
-    base: tuple[str, ...]
+    left_out: tuple[str, ...]  # ids of effects that need what model or campaign lack
+    start: np.ndarray  # coordinates, known parameters put in, effects at their null, shape (parameters,)
+    base: tuple[str, ...]  # free parameters of the reference model
+    # Sentences on what is assumed, and on records outside the range in which the reference model holds
     warnings: tuple[str, ...] = ()
 
 

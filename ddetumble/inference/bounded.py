@@ -21,19 +21,12 @@ LOUD = 4.0  # noise variances a sample: where less is left, a model that removes
 
 @dc.dataclass(frozen=True)
 class Bounded:
-    """A fit with some parameters held at their bounds.
+    """A fit with some parameters held at their bounds."""
 
-    Attributes:
-        solution: of the parameters that move.
-        names: of all free parameters, moving or held.
-        held: -1 or +1 for a parameter held at its lower or upper bound.
-        bounds: of coordinates, by name, where there are any.
-    """
-
-    solution: Solution
-    names: tuple[str, ...]
-    held: Mapping[str, int]
-    bounds: Mapping[str, tuple[float, float]]
+    solution: Solution  # of the parameters that move
+    names: tuple[str, ...]  # of all free parameters, moving or held
+    held: Mapping[str, int]  # -1 or +1 for a parameter held at its lower or upper bound
+    bounds: Mapping[str, tuple[float, float]]  # of coordinates, by name, where there are any
 
     def room(self, problem: Problem, name: str) -> tuple[float, float]:
         """Coordinates between which a parameter may lie: within its bounds and the limits of the model."""

@@ -43,26 +43,19 @@ INSIDE = ("source", "problem", "bounded", "gaussians")  # what of a fit is not w
 
 @dc.dataclass(frozen=True)
 class Fitted:
-    """One fitted parameter, in its public unit.
+    """One fitted parameter, in its public unit."""
 
-    Attributes:
-        estimate, sd: value and one standard deviation; infinite where the data determine nothing.
-        q025, q975: 95 % interval, from the coordinate in which the fit moves.
-        initial: where the fit started.
-        at_bound: "" or which bound stopped it, `lower` or `upper`.
-        determined: False where the records say nothing about it.
-        text: what else there is to say.
-    """
-
+    # estimate, sd: value and one standard deviation; infinite where the data determine nothing
     estimate: float
     sd: float
+    # q025, q975: 95 % interval, from the coordinate in which the fit moves
     q025: float
     q975: float
     unit: str
-    initial: float
-    at_bound: str = ""
-    determined: bool = True
-    text: str = ""
+    initial: float  # where the fit started
+    at_bound: str = ""  # "" or which bound stopped it, `lower` or `upper`
+    determined: bool = True  # False where the records say nothing about it
+    text: str = ""  # what else there is to say
 
 
 @dc.dataclass(frozen=True)

@@ -15,20 +15,16 @@ FAR = 1.5
 
 @dc.dataclass(frozen=True)
 class GoodnessOfFit:
-    """What a fit leaves beyond noise and stated settings.
+    """What a fit leaves beyond noise and stated settings."""
 
-    Attributes:
-        chi2_reduced, p_value: chi-square per degree of freedom, and the chance that noise as taken leaves so much.
-        setting, record, shift: what was moved furthest, and how far in its stated deviations; '' where none may move.
-        shift_p_value: chance that settings as uncertain as stated are moved so far.
-    """
-
+    # chi2_reduced, p_value: chi-square per degree of freedom, and the chance that noise as taken leaves so much
     chi2_reduced: float
     p_value: float
+    # setting, record, shift: what was moved furthest, and how far in its stated deviations; '' where none may move
     setting: str
     record: str
     shift: float
-    shift_p_value: float
+    shift_p_value: float  # chance that settings as uncertain as stated are moved so far
 
     @property
     def misfit(self) -> bool:

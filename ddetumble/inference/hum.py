@@ -25,31 +25,18 @@ TIE = 4.0  # which is two standard deviations of the frequency
 
 @dc.dataclass(frozen=True)
 class HumSettings:
-    """When a sine counts as hum, which no physics of a contact makes.
+    """When a sine counts as hum, which no physics of a contact makes."""
 
-    Attributes:
-        records: with fewer a random phase is not told from one that physics gives.
-        turns: of the sine in a record at least: slower ones are drifts, which a missing force looks like.
-        fastest: frequency in cycles a sample, at most.
-        worth_a_look: p-value of the highest peak of the spectrum, above which no sine is fitted.
-        p_value: of what the sine removes, over all frequencies, below which it is there.
-        seen: share of the records in which it has to be seen by itself (at 1 %).
-        alike: relative scatter of its amplitude over the records, at most: hum does not know the conditions.
-        random: p-value of phases that are alike, or follow the conditions, below which they are no hum's.
-        peaks: highest peaks of the spectrum that are looked at.
-        most: sines of a channel, at most.
-    """
-
-    records: int = 10
-    turns: float = 1.5
-    fastest: float = 0.45
-    worth_a_look: float = 0.01
-    p_value: float = 1e-6
-    seen: float = 0.7
-    alike: float = 0.5
-    random: float = 0.01
-    peaks: int = 3
-    most: int = 3
+    records: int = 10  # with fewer a random phase is not told from one that physics gives
+    turns: float = 1.5  # of the sine in a record at least: slower ones are drifts, which a missing force looks like
+    fastest: float = 0.45  # frequency in cycles a sample, at most
+    worth_a_look: float = 0.01  # p-value of the highest peak of the spectrum, above which no sine is fitted
+    p_value: float = 1e-6  # of what the sine removes, over all frequencies, below which it is there
+    seen: float = 0.7  # share of the records in which it has to be seen by itself (at 1 %)
+    alike: float = 0.5  # relative scatter of its amplitude over the records, at most: hum does not know the conditions
+    random: float = 0.01  # p-value of phases that are alike, or follow the conditions, below which they are no hum's
+    peaks: int = 3  # highest peaks of the spectrum that are looked at
+    most: int = 3  # sines of a channel, at most
 
 
 HUM = HumSettings()

@@ -42,54 +42,39 @@ NUDGE = 0.02  # in scales of coordinates and deviations of nuisances, of the dif
 
 @dc.dataclass(frozen=True)
 class Blend:
-    """A combination of parameters that the data hardly fix.
+    """A combination of parameters that the data hardly fix."""
 
-    Attributes:
-        names: of its members, the largest part first.
-        direction, step: change of every free coordinate along it, in units of unit-norm columns and for one standard
-            deviation, shape (free,).
-        singular: whether it changes the records not at all.
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # of its members, the largest part first
+    # direction, step: change of every free coordinate along it, in units of unit-norm columns and for one standard
+    # deviation, shape (free,)
     direction: np.ndarray
     step: np.ndarray
-    singular: bool
+    singular: bool  # whether it changes the records not at all
 
 
 @dc.dataclass(frozen=True)
 class Remedy:
-    """A measurement that tells the members `names` of a combination apart, as the linearised fit expects it.
-
-    Attributes:
-        setting: condition at which as many records again would be measured, or `depression`, the channel to add.
-        values: of the condition, SI: half of the records at each of two, or all at one; of the channel its deviation.
-        gain: standard deviation along the combination, now over then.
-    """
+    """A measurement that tells the members `names` of a combination apart, as the linearised fit expects it."""
 
     names: tuple[str, ...]
-    setting: str
+    setting: str  # condition at which as many records again would be measured, or `depression`, the channel to add
+    # Of the condition, SI: half of the records at each of two, or all at one; of the channel its deviation
     values: tuple[float, ...]
-    gain: float
+    gain: float  # standard deviation along the combination, now over then
 
 
 @dc.dataclass(frozen=True)
 class Knowledge:
-    """What a fit knows about its free parameters.
+    """What a fit knows about its free parameters."""
 
-    Attributes:
-        covariance, correlations: of the free coordinates; large and finite along combinations that nothing fixes.
-        undetermined, silent: parameters about which nothing is known; those among them that change no record.
-        blends: combinations that the data hardly fix, worst first.
-        singular: values of the columns scaled to unit norm, descending, shape (free,).
-    """
-
+    # covariance, correlations: of the free coordinates; large and finite along combinations that nothing fixes
     covariance: np.ndarray
     correlations: np.ndarray
+    # undetermined, silent: parameters about which nothing is known; those among them that change no record
     undetermined: tuple[str, ...]
     silent: tuple[str, ...]
-    blends: tuple[Blend, ...]
-    singular: np.ndarray
+    blends: tuple[Blend, ...]  # combinations that the data hardly fix, worst first
+    singular: np.ndarray  # values of the columns scaled to unit norm, descending, shape (free,)
 
 
 def analyse_fit(space: ParameterSpace, solution: Solution) -> Knowledge:

@@ -35,21 +35,14 @@ PARTS: dict[str, Callable[[], AbstractModel]] = {
 
 @dc.dataclass(frozen=True)
 class ResolvedModel:
-    """What a MODEL argument stands for.
+    """What a MODEL argument stands for."""
 
-    Attributes:
-        name: as given.
-        reference: template of the reference model; its values are the defaults.
-        text: which equations it is, one sentence.
-        effects: instances that extend it from the start, of a fitted model or for a law of the user's own.
-        fitted: whether its values are those of a fit.
-    """
-
-    name: str
-    reference: AbstractModel
-    text: str
+    name: str  # as given
+    reference: AbstractModel  # template of the reference model; its values are the defaults
+    text: str  # which equations it is, one sentence
+    # Instances that extend it from the start, of a fitted model or for a law of the user's own
     effects: tuple[AbstractEffect, ...] = ()
-    fitted: bool = False
+    fitted: bool = False  # whether its values are those of a fit
 
 
 def is_fitted(name: str) -> bool:

@@ -24,28 +24,21 @@ CAPPED = 5.0  # times the expected size, beyond which a difference is a kink of 
 
 @dc.dataclass(frozen=True)
 class SizeSettings:
-    """When the size of the noise counts as varying.
+    """When the size of the noise counts as varying."""
 
-    Attributes:
-        records: with fewer the size is the stated one: what repeats over them is not told from noise.
-        fewest: differences that tell something about a size.
-        p_value: of a size that is the same throughout, below which it is not: a false alarm costs a little certainty.
-        material: ratio of the largest size (of one sample in twenty) to the smallest, below which it does not matter.
-        window: samples of the shortest part of a trace with a size of its own, and
-        windows: parts of a trace at most.
-        repeated: share of readings equal to the one before, from which on the steps of the gauge are the noise, whose
-            size this cannot tell.
-        stray: of the correlations of second differences from those of noise, up to which they count as noise: a smooth
-            part of a twentieth of their power moves the sum of both by as much.
-    """
-
-    records: int = 8
-    fewest: int = 60
+    records: int = 8  # with fewer the size is the stated one: what repeats over them is not told from noise
+    fewest: int = 60  # differences that tell something about a size
+    # p-value of a size that is the same throughout, below which it is not: a false alarm costs a little certainty
     p_value: float = 1e-3
+    # Ratio of the largest size (of one sample in twenty) to the smallest, below which it does not matter
     material: float = 1.2
-    window: int = 40
-    windows: int = 12
+    window: int = 40  # samples of the shortest part of a trace with a size of its own
+    windows: int = 12  # such parts of a trace, at most
+    # Share of readings equal to the one before, from which on the steps of the gauge are the noise, whose size this
+    # cannot tell
     repeated: float = 0.1
+    # Of the correlations of second differences from those of noise, up to which they count as noise: a smooth part of a
+    # twentieth of their power moves the sum of both by as much
     stray: float = 0.12
 
 
@@ -64,22 +57,16 @@ class Run:
 
 @dc.dataclass(frozen=True)
 class Sizes:
-    """How the size of the noise varies.
+    """How the size of the noise varies."""
 
-    Attributes:
-        floor, share, rate_share: standard deviation without a reading [SI], as a share of the reading, and of its
-            change over one sampling interval; up to a common factor, as only differences are looked at.
-        records: factors by record, shape (records,); 1 where all are alike.
-        along: whether the size varies along the traces beside.
-        relative: size of every sample, in no unit, a list over records of shape (samples,).
-    """
-
+    # floor, share, rate_share: standard deviation without a reading [SI], as a share of the reading, and of its change
+    # over one sampling interval; up to a common factor, as only differences are looked at
     floor: float
     share: float
     rate_share: float
-    records: np.ndarray
-    along: bool
-    relative: list[np.ndarray]
+    records: np.ndarray  # factors by record, shape (records,); 1 where all are alike
+    along: bool  # whether the size varies along the traces beside
+    relative: list[np.ndarray]  # size of every sample, in no unit, a list over records of shape (samples,)
 
 
 def measure_sizes(runs: Sequence[Run], lengths: Sequence[int], settings: SizeSettings = SIZE) -> Sizes | None:

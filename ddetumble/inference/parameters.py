@@ -27,15 +27,12 @@ class Slot:
 
 @dc.dataclass(frozen=True)
 class Common:
-    """An error that all records of a campaign share: one nuisance of the campaign.
+    """An error that all records of a campaign share: one nuisance of the campaign."""
 
-    Attributes:
-        column: that it shifts: a condition, a channel (its zero, or where relative its gain), or `time` for the
-            independent variable, whatever its name.
-        sd, relative, unit: its standard deviation, SI or where relative a fraction of the value; SI unit of the column.
-    """
-
+    # What it shifts: a condition, a channel (its zero, or where relative its gain), or `time` for the independent
+    # variable, whatever its name
     column: str
+    # sd, relative, unit: its standard deviation, SI or where relative a fraction of the value; SI unit of the column
     sd: float
     relative: bool
     unit: str

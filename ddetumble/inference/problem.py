@@ -200,39 +200,26 @@ class Added(NamedTuple):
 
 @dc.dataclass(frozen=True)
 class Solution:
-    """A fit of some parameters of the space, with everything linear algebra needs afterwards (numpy arrays).
+    """A fit of some parameters of the space, with everything linear algebra needs afterwards (numpy arrays)."""
 
-    Attributes:
-        names: free parameters, in the order of the columns.
-        u: coordinates of all parameters, shape (parameters,).
-        z: nuisances in units of their deviations, shape (records, nuisances).
-        scales: of the free coordinates: columns of `shared` are derivatives by coordinate/scale.
-        residual: whitened, shape (records, rows).
-        shared: its derivative by the free parameters in units of their scales, shape (records, rows, free).
-        own: by the nuisances in units of their deviations, shape (records, rows, nuisances).
-        channels: model, shape (records, channels, samples), SI.
-        state, state_rate: what a misfit is located in, shape (records, samples): depression and its rate [m, m/s] of
-            impacts, slip since the stroke began and its signed speed of slip records.
-        end: of the contact, or of the record, in the independent variable, shape (records,).
-        prior_residual, prior_weight: prior rows of the free parameters.
-        chi2: sum of squares of all rows.
-        converged, steps, failed: state of the optimiser; keys of failed records.
-    """
-
-    names: tuple[str, ...]
-    u: np.ndarray
-    z: np.ndarray
-    scales: np.ndarray
-    residual: np.ndarray
-    shared: np.ndarray
-    own: np.ndarray
-    channels: np.ndarray
+    names: tuple[str, ...]  # free parameters, in the order of the columns
+    u: np.ndarray  # coordinates of all parameters, shape (parameters,)
+    z: np.ndarray  # nuisances in units of their deviations, shape (records, nuisances)
+    scales: np.ndarray  # of the free coordinates: columns of `shared` are derivatives by coordinate/scale
+    residual: np.ndarray  # whitened, shape (records, rows)
+    shared: np.ndarray  # its derivative by the free parameters in units of their scales, shape (records, rows, free)
+    own: np.ndarray  # by the nuisances in units of their deviations, shape (records, rows, nuisances)
+    channels: np.ndarray  # model, shape (records, channels, samples), SI
+    # state, state_rate: what a misfit is located in, shape (records, samples): depression and its rate [m, m/s] of
+    # impacts, slip since the stroke began and its signed speed of slip records
     state: np.ndarray
     state_rate: np.ndarray
-    end: np.ndarray
+    end: np.ndarray  # of the contact, or of the record, in the independent variable, shape (records,)
+    # prior_residual, prior_weight: prior rows of the free parameters
     prior_residual: np.ndarray
     prior_weight: np.ndarray
-    chi2: float
+    chi2: float  # sum of squares of all rows
+    # converged, steps, failed: state of the optimiser; keys of failed records
     converged: bool
     steps: int
     failed: tuple[str, ...]

@@ -18,23 +18,16 @@ APART = 0.03  # range of a logarithm below which a condition was held
 
 @dc.dataclass(frozen=True)
 class SpreadSettings:
-    """When settings count as scattering more than stated.
+    """When settings count as scattering more than stated."""
 
-    Attributes:
-        prior: standard deviation of the logarithm of the ratio to what is stated: a factor of three is no surprise.
-        worth: logarithm of the likelihood that a larger scatter has to bring.
-        least: ratio below which nothing hangs on it.
-        most: ratio beyond which the setting would not be known at all.
-        fewest: records with which a scatter can be estimated.
-        random: p-value of shifts that follow the conditions, below which they are no scatter: physics acts alike at
-            like conditions, errors do not.
-    """
-
+    # Standard deviation of the logarithm of the ratio to what is stated: a factor of three is no surprise
     prior: float = 1.0
-    worth: float = 6.0
-    least: float = 1.3
-    most: float = 12.0
-    fewest: int = 6
+    worth: float = 6.0  # logarithm of the likelihood that a larger scatter has to bring
+    least: float = 1.3  # ratio below which nothing hangs on it
+    most: float = 12.0  # ratio beyond which the setting would not be known at all
+    fewest: int = 6  # records with which a scatter can be estimated
+    # Of shifts that follow the conditions, below which they are no scatter: physics acts alike at like conditions,
+    # errors do not; a p-value
     random: float = 0.01
 
 

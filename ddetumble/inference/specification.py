@@ -33,50 +33,35 @@ class Prior(_Strict):
 
 
 class Sampler(_Strict):
-    """How `ddetumble sample` draws from the posterior; a fit checks it and leaves it alone.
-
-    Attributes:
-        walkers: of each ensemble, even; 0 for as many as the number of parameters asks for.
-        ensembles: independent ones; chains of NUTS.
-        steps, burn: after the burn-in at most, and first ones, left out.
-        effective: independent draws wanted of every parameter.
-    """
+    """How `ddetumble sample` draws from the posterior; a fit checks it and leaves it alone."""
 
     name: Literal["emcee", "nuts"] = "emcee"
+    # Of each ensemble, even; 0 for as many as the number of parameters asks for
     walkers: Annotated[StrictInt, Field(ge=0)] = 0
-    ensembles: Annotated[StrictInt, Field(ge=1)] = 4
+    ensembles: Annotated[StrictInt, Field(ge=1)] = 4  # independent ones; chains of NUTS
+    # steps, burn: after the burn-in at most, and first ones, left out
     steps: Annotated[StrictInt, Field(ge=1)] = 5000
     burn: Annotated[StrictInt, Field(ge=0)] = 100
-    effective: Annotated[StrictInt, Field(ge=1)] = 2000
+    effective: Annotated[StrictInt, Field(ge=1)] = 2000  # independent draws wanted of every parameter
 
 
 class Specification(_Strict):
-    """Content of `fit.toml`; all numbers are in the units that `ddetumble effects` shows (SI).
-
-    Attributes:
-        campaign: folder from the file's own folder on, or the name of a campaign that comes with the toolkit.
-        model: reference model; `FILE.py:NAME` from the file's own folder on.
-        effects: ids of the catalogue, or `FILE.py:NAME`.
-        free: further parameters to fit, each with its start (or `true`).
-        fixed: parameters held at a value.
-        priors: Gaussian priors of free parameters.
-        bounds: low and high of free parameters.
-        nuisances: whether each record's conditions and time origin move within their uncertainty.
-        noise: `measured` (correlation from the residuals) or `stated` (white).
-        sampler, seed: for `ddetumble sample`.
-    """
+    """Content of `fit.toml`; all numbers are in the units that `ddetumble effects` shows (SI)."""
 
     schema_: Literal["ddetumble.fit/1"] = Field(alias="schema")
+    # Folder from the file's own folder on, or the name of a campaign that comes with the toolkit
     campaign: Annotated[StrictStr, Field(min_length=1)]
     title: StrictStr = ""
+    # Reference model; `FILE.py:NAME` from the file's own folder on
     model: Annotated[StrictStr, Field(min_length=1)] = "paper"
-    effects: list[StrictStr] = []
-    free: dict[str, Number | Literal[True]] = {}
-    fixed: dict[str, Number] = {}
-    priors: dict[str, Prior] = {}
-    bounds: dict[str, tuple[Number, Number]] = {}
-    nuisances: StrictBool = True
-    noise: Literal["measured", "stated"] = "measured"
+    effects: list[StrictStr] = []  # ids of the catalogue, or `FILE.py:NAME`
+    free: dict[str, Number | Literal[True]] = {}  # further parameters to fit, each with its start (or `true`)
+    fixed: dict[str, Number] = {}  # parameters held at a value
+    priors: dict[str, Prior] = {}  # Gaussian priors of free parameters
+    bounds: dict[str, tuple[Number, Number]] = {}  # low and high of free parameters
+    nuisances: StrictBool = True  # whether each record's conditions and time origin move within their uncertainty
+    noise: Literal["measured", "stated"] = "measured"  # `measured` (correlation from the residuals) or `stated` (white)
+    # sampler, seed: for `ddetumble sample`
     sampler: Sampler = Sampler()
     seed: Annotated[StrictInt, Field(ge=0)] = 0
 

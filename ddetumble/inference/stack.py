@@ -31,58 +31,41 @@ SINE, COSINE = "sine", "cosine"  # nuisances `sine-0:CHANNEL` and `cosine-0:CHAN
 
 
 class Stack(eqx.Module):
-    """Arrays of the records, padded; weight 0 marks what is not there.
+    """Arrays of the records, padded; weight 0 marks what is not there."""
 
-    Attributes:
-        time: shape (records, samples) [s].
-        span: longest time to integrate, shape (records,) [s].
-        values: measured, shape (records, channels, samples), SI.
-        weights, taps: whitening filter, shapes (records, channels, samples) and (records, channels, samples, TAPS).
-        conditions: by name, each shape (records,), SI, as measured.
-        condition_sd: standard deviations of the nuisances, shape (records, nuisances).
-        present: 1 for records that are there, shape (records,).
-        inputs: further arrays that the model reads, by name: path and direction of slip records that are time series,
-            shape (records, samples); `mesh` of tumbling records, shape (records, steps + 1) [s]; `common`, by how much
-            a column moves per unit of an error that all records share, shape (records, commons); `hum`, angular
-            frequencies over the independent variable, shape (records, hums).
-        rtol: tolerance of the integrator, shape ().
-    """
-
-    time: Array
-    span: Array
-    values: Array
+    time: Array  # shape (records, samples) [s]
+    span: Array  # longest time to integrate, shape (records,) [s]
+    values: Array  # measured, shape (records, channels, samples), SI
+    # weights, taps: whitening filter, shapes (records, channels, samples) and (records, channels, samples, TAPS)
     weights: Array
     taps: Array
-    conditions: dict[str, Array]
-    condition_sd: Array
-    present: Array
+    conditions: dict[str, Array]  # by name, each shape (records,), SI, as measured
+    condition_sd: Array  # standard deviations of the nuisances, shape (records, nuisances)
+    present: Array  # 1 for records that are there, shape (records,)
+    # Further arrays that the model reads, by name: path and direction of slip records that are time series, shape
+    # (records, samples); `mesh` of tumbling records, shape (records, steps + 1) [s]; `common`, by how much a column
+    # moves per unit of an error that all records share, shape (records, commons); `hum`, angular frequencies over the
+    # independent variable, shape (records, hums)
     inputs: dict[str, Array] = eqx.field(default_factory=dict)
-    rtol: Array = eqx.field(default_factory=lambda: jnp.asarray(RTOL))
+    rtol: Array = eqx.field(default_factory=lambda: jnp.asarray(RTOL))  # tolerance of the integrator, shape ()
 
 
 @dc.dataclass(frozen=True)
 class Records:
-    """A stack with the names that belong to it.
+    """A stack with the names that belong to it."""
 
-    Attributes:
-        keys, channels: of the records, and what is measured.
-        nuisances: what tumbling records start from, conditions with a stated uncertainty, `time`, zeros that move, hum.
-        lengths: samples of each record.
-        complete: whether no sample is missing, shape (records, channels).
-        stack, family: the arrays, and the kind of test.
-        strokes: number of the stroke of every sample, by record; empty for impacts.
-        starts: nuisances without a prior: what tumbling records start from.
-    """
-
+    # keys, channels: of the records, and what is measured
     keys: tuple[str, ...]
     channels: tuple[str, ...]
+    # What tumbling records start from, conditions with a stated uncertainty, `time`, zeros that move, hum
     nuisances: tuple[str, ...]
-    lengths: np.ndarray
-    complete: np.ndarray
+    lengths: np.ndarray  # samples of each record
+    complete: np.ndarray  # whether no sample is missing, shape (records, channels)
+    # stack, family: the arrays, and the kind of test
     stack: Stack
     family: str
-    strokes: tuple[np.ndarray, ...] = ()
-    starts: tuple[str, ...] = ()
+    strokes: tuple[np.ndarray, ...] = ()  # number of the stroke of every sample, by record; empty for impacts
+    starts: tuple[str, ...] = ()  # nuisances without a prior: what tumbling records start from
 
     @property
     def count(self) -> int:

@@ -27,31 +27,24 @@ SHAPE_ERROR = 2e-4  # of the peak, that the curve itself may miss: twice what it
 
 @dataclass(frozen=True)
 class OnsetSettings:
-    """What decides how a force is taken to begin, and how well its onset is known.
+    """What decides how a force is taken to begin, and how well its onset is known."""
 
-    Attributes:
-        slopes: fractions of the force at half of the peak that a linear spring may carry; a wall that carries half of
-            it is no inflated ball's.
-        slope_sd: of a half-normal prior of that fraction, beside as much weight on 0.
-        slope_spread: by which that fraction differs between the records of a campaign (0.2 over pressures and speeds).
-        sloped: fall of chi-square from which a force begins with a slope: three standard deviations.
-        decisive: the same of a jump or a gauge that rings, which have more to choose from: four standard deviations.
-        even: where these are as likely as not: seldom to begin with (a tenth), and one of some ten told apart.
-        own_step: fall of chi-square a trace that chance lets a jump of its own reach, found by a scan.
-        promising: fall of chi-square below which a frequency is not looked for more closely: chance does as much.
-        few: traces with the least noise, on which the frequency of a gauge is looked for.
-        delay: sampling intervals by which an anti-aliasing filter delays: a Butterworth of order 8 at 0.4 of the rate.
-    """
-
+    # Fractions of the force at half of the peak that a linear spring may carry; a wall that carries half of it is no
+    # inflated ball's
     slopes: tuple[float, ...] = (0.025, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 1.0)
-    slope_sd: float = 0.15
+    slope_sd: float = 0.15  # of a half-normal prior of that fraction, beside as much weight on 0
+    # By which that fraction differs between the records of a campaign (0.2 over pressures and speeds)
     slope_spread: float = 0.25
-    sloped: float = 9.0
+    sloped: float = 9.0  # fall of chi-square from which a force begins with a slope: three standard deviations
+    # The same of a jump or a gauge that rings, which have more to choose from: four standard deviations
     decisive: float = 16.0
+    # Where these are as likely as not: seldom to begin with (a tenth), and one of some ten told apart
     even: float = 9.0
-    own_step: float = 4.0
+    own_step: float = 4.0  # fall of chi-square a trace that chance lets a jump of its own reach, found by a scan
+    # Fall of chi-square below which a frequency is not looked for more closely: chance does as much
     promising: float = 6.0
-    few: int = 8
+    few: int = 8  # traces with the least noise, on which the frequency of a gauge is looked for
+    # Sampling intervals by which an anti-aliasing filter delays: a Butterworth of order 8 at 0.4 of the rate
     delay: float = 2.0
 
 
