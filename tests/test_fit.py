@@ -248,7 +248,6 @@ GOOD = 'schema = "ddetumble.fit/1"\ncampaign = "../wall"\n'
     (GOOD + '[fixed]\nrestitution = "0.7"\n', ["fixed.restitution", "number"]),
     (GOOD + "[priors]\nrestitution = { mean = 0.7 }\n", ["priors.restitution"]),
     (GOOD + "[priors]\nrestitution = { mean = 0.7, sd = -1.0 }\n", ["priors.restitution"]),
-    (GOOD + "[bounds]\neffective_mass = [2.0, 1.0]\n", ["bounds", "effective_mass", "below"]),
     (GOOD + "[bounds]\neffective_mass = [1.0]\n", ["bounds.effective_mass"]),
     (GOOD + '[sampler]\nname = "guess"\nwalkers = -1\n', ["sampler.name", "sampler.walkers"]),
     (GOOD + "[fixed]\nrestitution = nan\n", ["fixed.restitution"]),

@@ -35,8 +35,8 @@ def test_restricted_likelihood_is_that_of_the_dense_normal_density(count):
     for n in (4, 6, 5):
         time, root = np.sort(generator.random(n)), generator.standard_normal((n, n))
         parts.append((time, root @ root.T + np.eye(n), generator.standard_normal((n, count + 1))))
-    for size, slow in ((0.0, 1.0), (0.7, 0.2), (5.0, 3.0)):
-        covariance, place = np.zeros((15, 15)), 0
+    for logarithm, slow in ((-np.inf, 1.0), (-0.3, 0.2), (1.6, 3.0)):
+        covariance, place, size = np.zeros((15, 15)), 0, np.exp(logarithm)
         for time, own, _ in parts:
             rows = slice(place, place + len(time))
             covariance[rows, rows] = own + size**2 * np.exp(-abs(time[:, None] - time) / slow)
@@ -46,7 +46,7 @@ def test_restricted_likelihood_is_that_of_the_dense_normal_density(count):
         square = free.T @ inverse @ free
         projector = inverse - inverse @ free @ np.linalg.solve(square, free.T @ inverse)
         expected = np.linalg.slogdet(covariance)[1] + np.linalg.slogdet(square)[1] + right @ projector @ right
-        assert slow_noise._lose(parts, size, slow) == pytest.approx(expected, rel=1e-8)
+        assert slow_noise._lose(logarithm, slow, parts) == pytest.approx(expected, rel=1e-8)
 
 
 @pytest.mark.parametrize(("size", "slow"), [(0.05, 0.3), (0.1, 0.15), (0.2, 0.6)])

@@ -30,9 +30,7 @@ def check_directions(campaign: Campaign) -> None:
                              file=file, column="tangential_speed")
         force = campaign.trace(key)["tangential_force"].to_numpy(dtype=float)
         force = force[np.isfinite(force)]
-        uncertainty = campaign.channels["tangential_force"].uncertainty
-        largest = np.abs(force).max(initial=0.0, keepdims=True)
-        noise = 0.0 if uncertainty is None else float(np.max(uncertainty.sd(largest)))
+        noise = float(campaign.channels["tangential_force"].sd(np.abs(force).max(initial=0.0)))
         if force.sum() < -10.0 * noise * np.sqrt(len(force)) - 0.02 * np.abs(force).sum():
             raise InputError(f"the tangential force of record {key!r} is mostly opposed to its tangential speed, but "
                              "friction on the plate acts in the direction of motion; reverse the sign of one of them",

@@ -59,8 +59,7 @@ def follow_slip(campaign: Campaign, key: str, samples: Any) -> Path:
     if len(known) < 2:
         raise InputError(f"campaign {campaign.name!r}: record {key!r} has fewer than two values of 'slip'")
     slip = np.interp(np.arange(len(slip)), known, slip[known])
-    uncertainty = campaign.channels["slip"].uncertainty
-    noise = 0.0 if uncertainty is None else float(np.max(uncertainty.sd(slip)))
+    noise = float(np.max(campaign.channels["slip"].sd(slip)))
     return Path(*split_strokes(slip, max(6.0 * noise, 0.01 * float(np.ptp(slip)))))
 
 

@@ -18,7 +18,7 @@ from ..effects import CATALOGUE
 from ..families import DEFAULT_FAMILY, find_family, name_family
 from ..measurement.campaign import Campaign, Uncertainty
 from ..measurement.kinds import take_kind, write_kind
-from .files import hash_file, list_versions, make_plain, read_json, write_json
+from .files import Strict, hash_file, list_versions, make_plain, read_json, write_json
 from .models import (
     ResolvedModel,
     find_model,
@@ -38,16 +38,12 @@ FILE = "model.json"
 SCHEMA = "ddetumble.model/1"
 
 
-class _Strict(pydantic.BaseModel):
-    model_config = pydantic.ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
-
-
-class _Channel(_Strict):
+class _Channel(Strict):
     unit: str
     noise: Noise
 
 
-class _Condition(_Strict):
+class _Condition(Strict):
     unit: str
     low: float
     high: float
@@ -55,7 +51,7 @@ class _Condition(_Strict):
     relative: float | None = None
 
 
-class Sampling(_Strict):
+class Sampling(Strict):
     """A typical record: samples, first and last of the independent variable, largest size of every channel, SI."""
 
     samples: int = pydantic.Field(gt=0)
@@ -64,7 +60,7 @@ class Sampling(_Strict):
     largest: dict[str, float]
 
 
-class _Effect(_Strict):
+class _Effect(Strict):
     """One effect of the model; `source` is `FILE.py:NAME` from the folder on, null for one of the catalogue."""
 
     id: str
@@ -72,7 +68,7 @@ class _Effect(_Strict):
     source_sha256: str | None = None
 
 
-class _ModelFile(_Strict):
+class _ModelFile(Strict):
     """Content of `model.json`; coordinates are those in which the fit moves (logarithm, logit, ...), SI."""
 
     schema_: Literal["ddetumble.model/1"] = pydantic.Field(alias="schema")
@@ -232,7 +228,7 @@ def make_fitted(*, campaign: Campaign, model_name: str, space: ParameterSpace, s
         solution.covariance() if covariance is None else np.asarray(covariance), dict(noise),
         {name: campaign.column(name).unit for name in (*campaign.conditions, *noise)},
         {name: column.uncertainty for name, column in campaign.conditions.items() if column.uncertainty is not None},
-        0.0 if clock is None or clock.uncertainty is None else float(clock.uncertainty.sd(np.ones(1))[0]),
+        campaign.time_sd,
         {name: (float(np.nanmin(x)), float(np.nanmax(x))) for name in campaign.conditions
          for x in [campaign.records[name].to_numpy(dtype=float)]},
         len(campaign.records), float(solution.chi2), list_versions(), dict(extra or {}), sampling=sampling,

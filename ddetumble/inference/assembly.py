@@ -76,11 +76,7 @@ def assemble_space(campaign: Campaign, reference: AbstractModel,
 
 
 def require_samples(campaign: Campaign) -> None:
-    """Refuse a campaign of values only, of which a test gives one each.
-
-    Raises:
-        InputError: It has no series.
-    """
+    """Refuse a campaign of values only, of which a test gives one each."""
     if set(campaign.channels) <= set(find_family(name_family(campaign)).values):
         raise InputError(f"campaign {campaign.name!r} contains only peaks or other single values, but this needs "
                          "sampled records: force over time or slip")

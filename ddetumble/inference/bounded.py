@@ -101,22 +101,23 @@ def list_limits(problem: Problem, solution: Solution) -> dict[str, int]:
 
 def explain_share(problem: Problem, solution: Solution) -> float:
     """Share of the measured sum of squares, in noise variances, that a model removes from the main channels."""
-    return 1.0 - _leave(problem, solution.channels) / max(_leave(problem, 0.0 * solution.channels), 1e-300)
+    left, whole, _ = _sum_squares(problem, solution)
+    return 1.0 - left / max(whole, 1e-300)
 
 
 def meets_data(problem: Problem, solution: Solution) -> bool:
     """Whether a model has any of the signal: False where its pulse lies beside the measured one, or is gone."""
-    stack, count = problem.records.stack, problem.records.count
-    samples = float((np.asarray(stack.weights)[:count, : len(problem.space.family.main)] > 0).sum())
-    quiet = _leave(problem, solution.channels) < LOUD * samples
-    return quiet or explain_share(problem, solution) > LITTLE
+    left, _, samples = _sum_squares(problem, solution)
+    return left < LOUD * samples or explain_share(problem, solution) > LITTLE
 
 
-def _leave(problem: Problem, model: np.ndarray) -> float:
-    """Sum of squares of what a model leaves of the main channels, in noise variances, correlation left aside."""
+def _sum_squares(problem: Problem, solution: Solution) -> tuple[float, float, int]:
+    """What a model leaves of the main channels and what was measured, in noise variances, correlation left aside, as
+    sums of squares; and of how many samples."""
     stack, count, main = problem.records.stack, problem.records.count, len(problem.space.family.main)
     weights, values = np.asarray(stack.weights)[:count, :main], np.asarray(stack.values)[:count, :main]
-    return float(np.sum((weights * (model[:, :main] - values)) ** 2))
+    left = np.sum((weights * (solution.channels[:, :main] - values)) ** 2)
+    return float(left), float(np.sum((weights * values) ** 2)), int((weights > 0).sum())
 
 
 def truncate_normal(mean: float, sd: float, low: float, high: float, level: float = 0.95

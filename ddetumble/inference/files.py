@@ -23,6 +23,12 @@ PACKAGES = ("ddetumble", "jax", "diffrax", "equinox", "optimistix", "numpy", "sc
 Content = TypeVar("Content", bound=pydantic.BaseModel)
 
 
+class Strict(pydantic.BaseModel):
+    """A part of a file, which holds its fields and nothing else."""
+
+    model_config = pydantic.ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+
+
 def write_whole(path: Path, write: Callable[[Path], object]) -> None:
     """Write a file whole or not at all: `write` makes a draft, which then takes its place."""
     draft = path.with_name(f".{path.name}.part")

@@ -278,14 +278,10 @@ class AbstractRivals(abc.ABC):
 def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], problem: Problem, found: Bounded,
                   start: np.ndarray, noise: Mapping[str, Noise], settings: Mapping[str, Any], nuisances: bool,
                   warnings: tuple[str, ...] = ()) -> Fit:
-    """Turn a solution into what people read.
+    """Turn a solution `found` of a problem into what people read.
 
-    Args:
-        campaign, model, effects, noise, settings: as they go into `Fit`.
-        problem, found: that was solved, and its solution.
-        start: coordinates that the fit started from.
-        nuisances: whether the conditions moved.
-        warnings: sentences on records outside the model's range.
+    `start` are the coordinates that the fit started from; `nuisances` says whether the conditions moved, `warnings`
+    what is to be told beside. The other arguments are fields of `Fit`.
     """
     space, solution = problem.space, found.solution
     known = analyse_with_refits(problem, solution)
@@ -330,11 +326,7 @@ def derive_quantities(space: ParameterSpace, u: np.ndarray, gaussians: Mapping[s
                       covariance: np.ndarray) -> dict[str, Derived]:
     """What follows from fitted parameters of the reference model, by name; their deviation is infinite where unknown.
 
-    Args:
-        space: of the parameters.
-        u: coordinates of all, shape (parameters,).
-        gaussians: mean and standard deviation of the fitted ones, by name.
-        covariance: of their coordinates, shape (names, names).
+    `u` are coordinates of all parameters, `gaussians` mean and standard deviation of those of the fitted ones.
     """
     units = {name: unit for name, (_, unit) in space.build(jnp.asarray(u)).reference.derive().items()}
     if not units:

@@ -48,11 +48,6 @@ def find_hum(campaign: Campaign, records: Records, solution: Solution, noise: Ma
 
     The highest peaks of the residuals' mean spectrum are fitted as sines with an amplitude and a phase of every
     record's own, along with parameters and settings, to first order.
-
-    Args:
-        campaign, records, solution: a fit of all records of a campaign.
-        noise: by channel, to which the hum is added.
-        settings: thresholds.
     """
     found = dict(noise)
     if records.count < settings.records or find_family(records.family).free_running:

@@ -84,13 +84,8 @@ def analyse_fit(space: ParameterSpace, solution: Solution) -> Knowledge:
 
 
 def analyse_jacobian(names: Sequence[str], columns: np.ndarray, scales: np.ndarray, vast: np.ndarray) -> Knowledge:
-    """Find what a Jacobian determines.
-
-    Args:
-        names, scales: of the free parameters, and of their coordinates, shape (free,).
-        columns: whitened derivatives by coordinate/scale with nuisances eliminated, priors among the rows, shape
-            (rows, free).
-        vast: standard deviations of coordinates beyond which nothing is known, shape (free,).
+    """Find what a Jacobian determines: whitened derivatives by coordinate/scale, shape (rows, free), with nuisances
+    eliminated and priors among the rows. `vast` are deviations of coordinates beyond which nothing is known.
     """
     count = len(names)
     norms = np.linalg.norm(columns, axis=0)

@@ -64,11 +64,7 @@ def list_abstract(kind: type) -> list[str]:
 
 
 def require_complete(value: Any) -> None:
-    """Refuse a class of models that does not define all that one needs.
-
-    Raises:
-        InputError: It is such a class.
-    """
+    """Refuse a class of models that does not define all that one needs."""
     if isinstance(value, type) and issubclass(value, AbstractModel) and list_abstract(value):
         raise InputError(f"the class {value.__name__} lacks {join_words(list_abstract(value))}: define what is "
                          "missing, or derive it from a class that has it (of impacts dd.contact.AbstractDamped, which "
@@ -180,11 +176,7 @@ def list_known() -> tuple[type[AbstractEffect], ...]:
 
 
 def resolve_effect(name: str, own: Sequence[type[AbstractEffect]] = ()) -> type[AbstractEffect]:
-    """The effect that an id of the catalogue or of `own`, or `FILE.py:NAME` of the user's own, stands for.
-
-    Raises:
-        InputError: There is no such effect, file or name, or it is no effect.
-    """
+    """The effect that an id of the catalogue or of `own`, or `FILE.py:NAME` of the user's own, stands for."""
     known = {effect.id: effect for effect in (*list_known(), *own)}
     if name in known:
         return known[name]

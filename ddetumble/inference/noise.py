@@ -94,15 +94,10 @@ def widen_by_student(degrees: float) -> float:
 
 
 def whitening(noise: Noise, time: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Best linear prediction of each sample from the `TAPS` before it.
+    """Best linear prediction of each sample from the `TAPS` before it; missing samples are not `valid`.
 
-    Args:
-        noise: the noise.
-        time, valid: of the samples [s]; False for missing ones, shape (samples,) each.
-
-    Returns:
-        Weights, shape (samples,): 1/sd of what cannot be predicted (0 for missing samples); and taps, shape
-        (samples, TAPS): the whitened value is weight * (x_t - sum_k taps[t, k] x_{t-1-k}).
+    Returns weights, shape (samples,): 1/sd of what cannot be predicted (0 for missing samples); and taps, shape
+    (samples, TAPS): the whitened value is weight * (x_t - sum_k taps[t, k] x_{t-1-k}).
     """
     n, variance = len(time), float(noise.covariance(np.zeros(1))[0])
     weights, taps = np.where(valid, 1.0 / np.sqrt(variance), 0.0), np.zeros((n, TAPS))

@@ -427,15 +427,9 @@ def _profile(shape: np.ndarray, counts: np.ndarray, means: np.ndarray,
     loss = np.log(shape) @ counts
     ratio = (1.0 / shape) @ (counts * means)
     log_sd = 0.5 * np.log(ratio / total)
-    if expected is not None:  # it weighs 1 / stated²; the loss is convex in it: Newton's method from above
-        log_sd = np.full_like(log_sd, np.log(expected))
-        for _ in range(50):
-            part = ratio * np.exp(-2.0 * log_sd)
-            slope = 2.0 * (total - part) + (log_sd - np.log(expected)) / stated**2
-            step = slope / (4.0 * part + 1.0 / stated**2)
-            log_sd = log_sd - np.clip(step, -0.5, 0.5)
-            if np.max(np.abs(step)) < 1e-10:
-                break
+    if expected is not None:  # it weighs 1 / stated²; where the slope of the loss vanishes Wright's omega function says
+        least = np.log(expected) - 2.0 * total * stated**2
+        log_sd = least + 0.5 * special.wrightomega(np.log(4.0 * ratio * stated**2) - 2.0 * least)
         loss = loss + 0.5 * ((log_sd - np.log(expected)) / stated) ** 2
     part = ratio * np.exp(-2.0 * log_sd)
     loss = loss + 2.0 * total * log_sd + part

@@ -72,10 +72,7 @@ class Sizes:
 def measure_sizes(runs: Sequence[Run], lengths: Sequence[int], settings: SizeSettings = SIZE) -> Sizes | None:
     """How the size of the noise varies over the samples of a channel; None where it does not, beyond chance.
 
-    Args:
-        runs: of all records.
-        lengths: samples of each record.
-        settings: thresholds.
+    `runs` are those of all records, `lengths` how many samples each record has.
     """
     runs = [run for run in runs if len(run.residual) > 4]
     if not runs:

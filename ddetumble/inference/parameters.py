@@ -175,13 +175,13 @@ class ParameterSpace:
                 text = re.sub(rf"\^{re.escape(other.parameter.name)}\b", "" if value == "1" else f"^{value}", text)
         return text
 
-    def public(self, name: str, u: np.ndarray, sd: float, spread: float = 1.959964) -> dict[str, Any]:
-        """Estimate, standard deviation and 95 % interval (`spread` deviations) of a parameter in its public unit.
+    def public(self, name: str, u: np.ndarray, sd: float) -> dict[str, Any]:
+        """Estimate, standard deviation and 95 % interval of a parameter in its public unit.
 
         `u` has the coordinates of all, shape (parameters,), and `sd` is the deviation of its own.
         """
         transform, at = self.parameter(name).transform, float(u[self.index[name]])
         value = transform.from_unconstrained(at)
-        low, high = transform.interval(at - spread * sd, at + spread * sd)
+        low, high = transform.interval(at - 1.959964 * sd, at + 1.959964 * sd)
         return {"estimate": value, "sd": transform.slope(value) * sd, "q025": low, "q975": high,
                 "unit": self.unit(name, u)}

@@ -5,10 +5,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from scipy import linalg, optimize, stats
+from scipy import optimize, stats
 
 from .goodness import combine_p_values
 from .problem import Solution
+from .slow_noise import lose_restricted
 from .stack import Records, is_added
 
 
@@ -44,18 +45,11 @@ def list_settings(records: Records) -> list[int]:
 
 def estimate_spread(records: Records, solution: Solution, known: Mapping[str, float] | None = None,
                     settings: SpreadSettings = SPREAD) -> dict[str, float]:
-    r"""Ratio of the scatter of every setting to what is stated, where it is larger beyond doubt.
+    r"""Ratio of the scatter of every setting to what is stated, by name, where it is larger beyond doubt.
 
     The restricted likelihood of the linearised fit: residuals $\rho_r = S_r \theta + J_r z_r + e$ with unit noise $e$,
-    $z_{rk} \sim N(0, f_k^2)$ and free $\theta$; each $\log f_k$ has a normal prior about what is stated.
-
-    Args:
-        records, solution: a fit of all records.
-        known: ratios that the fit already allows for, by name.
-        settings: thresholds.
-
-    Returns:
-        Ratios by name of the setting; those that are not beyond doubt are missing.
+    $z_{rk} \sim N(0, f_k^2)$ and free $\theta$; each $\log f_k$ has a normal prior about what is stated. `known` are
+    ratios that the fit of all records already allows for.
     """
     places = list_settings(records)
     if not places or records.count < settings.fewest:
@@ -79,22 +73,9 @@ def estimate_spread(records: Records, solution: Solution, known: Mapping[str, fl
         """Minus twice the logarithm of the restricted likelihood and the prior."""
         ratio = np.ones(own)
         ratio[places] = np.exp(logarithms) / before
-        cross, determinant = rest.copy(), 0.0
-        for part, triangle in zip(sides, triangles, strict=True):
-            wide = triangle * ratio
-            factor = linalg.cholesky(np.eye(len(wide)) + wide @ wide.T, lower=True)
-            white = linalg.solve_triangular(factor, part, lower=True)
-            cross += white.T @ white
-            determinant += 2.0 * float(np.sum(np.log(np.diag(factor))))
-        square, scale = cross[:count, :count], np.sqrt(np.maximum(np.diag(cross)[:count], 1e-300))
-        left = cross[count, count]
-        if count:
-            values, vectors = np.linalg.eigh(square / np.outer(scale, scale))
-            told = values > 1e-10 * values[-1]
-            side = (vectors.T @ (cross[:count, count] / scale))[told]
-            left -= float(np.sum(side**2 / values[told]))
-            determinant += float(np.sum(np.log(values[told])) + 2.0 * np.sum(np.log(scale)))
-        return float(left + determinant + np.sum((logarithms / settings.prior) ** 2))
+        wide = [triangle * ratio for triangle in triangles]
+        loss = lose_restricted(((np.eye(len(x)) + x @ x.T, part) for x, part in zip(wide, sides, strict=True)), rest)
+        return float(loss + np.sum((logarithms / settings.prior) ** 2))
 
     none, limit = np.zeros(len(places)), float(np.log(settings.most))
     step = np.eye(len(places))
@@ -114,15 +95,9 @@ def follow_conditions(shifts: np.ndarray, groups: np.ndarray, conditions: np.nda
     """p-value of shifts of a setting having nothing to do with the conditions: those of physics are alike in repeats.
 
     An F-test of the conditions' means about zero against the scatter within conditions, and t-tests of the mean and of
-    the slope over the logarithm of every condition; the smallest p-value counts as often as there are tests.
-
-    Args:
-        shifts: of every record, shape (records,).
-        groups: number of its condition, shape (records,).
-        conditions: of every record, shape (records, conditions), positive.
-
-    Returns:
-        The p-value; 0 where there are too few records to tell.
+    the slope over the logarithm of every condition; the smallest p-value counts as often as there are tests, and it is
+    0 where there are too few records to tell. Shifts and numbers of their conditions (`groups`) have shape (records,),
+    `conditions`, which are positive, (records, conditions).
     """
     labels = np.unique(groups)
     within, chances = len(shifts) - len(labels), []

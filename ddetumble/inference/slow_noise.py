@@ -1,8 +1,7 @@
 """Slow noise: a baseline that wanders, from the residuals of a model that is believed."""
 
 import dataclasses as dc
-from collections.abc import Mapping
-from functools import partial
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -24,24 +23,19 @@ def add_slow_noise(records: Records, solution: Solution, noise: Mapping[str, Noi
 
     The restricted likelihood of $y_r = S_r \theta + J_r z_r + b_r + e_r$: residuals of a linearised fit with free
     parameters $\theta$, settings $z_r \sim N(0, I)$, the noise as it is known, and an Ornstein-Uhlenbeck baseline
-    $b_r$, whose size and correlation time are fitted.
-
-    Args:
-        records, solution: a fit of all records.
-        noise: by channel, as the fit took it.
-        worth: logarithm of the likelihood that the baseline has to bring.
+    $b_r$, whose size and correlation time are fitted; `worth` is the logarithm of the likelihood that it has to bring.
     """
     found = dict(noise)
     for c, channel in enumerate(records.channels):
         parts = _gather_rows(records, solution, noise[channel], c)
         if not parts:
             continue
-        none = _lose(parts, 0.0, 1.0)
+        none = _lose(-np.inf, 1.0, parts)
         length = float(np.median([time[-1] - time[0] for time, *_ in parts]))
         low, high = (np.log(noise[channel].sd * x) for x in RANGE)
         best, size, slowest = none, 0.0, 1.0
         for share in TIMES:
-            one: Any = optimize.minimize_scalar(partial(_lose_logarithm, parts, share * length), bounds=(low, high),
+            one: Any = optimize.minimize_scalar(_lose, args=(share * length, parts), bounds=(low, high),
                                                 method="bounded", options={"xatol": 0.05})
             if one.fun < best:
                 best, size, slowest = float(one.fun), float(np.exp(one.x)), share * length
@@ -76,20 +70,26 @@ def _gather_rows(records: Records, solution: Solution, noise: Noise, c: int) -> 
     return found
 
 
-def _lose_logarithm(parts: list[tuple[np.ndarray, ...]], slow: float, logarithm: float) -> float:
-    return _lose(parts, float(np.exp(logarithm)), slow)
+def _lose(logarithm: float, slow: float, parts: list[tuple[np.ndarray, ...]]) -> float:
+    """Loss of a baseline of this size (its logarithm) and correlation time."""
+    square = float(np.exp(logarithm)) ** 2
+    return lose_restricted((covariance + square * np.exp(-np.abs(time[:, None] - time) / slow), columns)
+                           for time, covariance, columns in parts)
 
 
-def _lose(parts: list[tuple[np.ndarray, ...]], size: float, slow: float) -> float:
-    """Minus twice the logarithm of the restricted likelihood."""
-    count, determinant = parts[0][2].shape[1], 0.0
-    cross = np.zeros((count, count))
-    for time, covariance, columns in parts:
-        whole = covariance + size**2 * np.exp(-np.abs(time[:, None] - time) / slow)
-        factor = linalg.cholesky(whole, lower=True)
+def lose_restricted(parts: Iterable[tuple[np.ndarray, np.ndarray]], known: np.ndarray | float = 0.0) -> float:
+    """Minus twice the logarithm of a restricted likelihood: of linear parameters that are free, and integrated out.
+
+    `parts` are the covariance of every record's rows, shape (rows, rows), and in these rows the columns of the
+    parameters, with the residuals last. `known` is what other rows, which are white, and priors add to their products.
+    """
+    cross, determinant = known, 0.0
+    for covariance, columns in parts:
+        factor = linalg.cholesky(covariance, lower=True)
         white = linalg.solve_triangular(factor, columns, lower=True)
         cross = cross + white.T @ white
         determinant += 2.0 * float(np.sum(np.log(np.diag(factor))))
+    cross = np.asarray(cross)
     square, side, left = cross[:-1, :-1], cross[:-1, -1], float(cross[-1, -1])
     scale = np.sqrt(np.maximum(np.diag(square), 1e-300))
     if len(scale):

@@ -10,7 +10,7 @@ from .._errors import InputError
 from .._settings import find_data
 from .._user_files import split_name
 from ..measurement.tables import read_toml
-from .files import hash_file
+from .files import Strict, hash_file
 
 
 SCHEMA = "ddetumble.fit/1"
@@ -21,18 +21,14 @@ SECTIONS = {  # whose keys are parameters, and what stands there
 Number = StrictFloat | StrictInt
 
 
-class _Strict(pydantic.BaseModel):
-    model_config = pydantic.ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
-
-
-class Prior(_Strict):
+class Prior(Strict):
     """A Gaussian prior of one parameter, in its unit."""
 
     mean: Number
     sd: Annotated[Number, Field(gt=0)]
 
 
-class Sampler(_Strict):
+class Sampler(Strict):
     """How `ddetumble sample` draws from the posterior; a fit checks it and leaves it alone."""
 
     name: Literal["emcee", "nuts"] = "emcee"
@@ -45,7 +41,7 @@ class Sampler(_Strict):
     effective: Annotated[StrictInt, Field(ge=1)] = 2000  # independent draws wanted of every parameter
 
 
-class Specification(_Strict):
+class Specification(Strict):
     """Content of `fit.toml`; all numbers are in the units that `ddetumble effects` shows (SI)."""
 
     schema_: Literal["ddetumble.fit/1"] = Field(alias="schema")
@@ -64,14 +60,6 @@ class Specification(_Strict):
     # sampler, seed: for `ddetumble sample`
     sampler: Sampler = Sampler()
     seed: Annotated[StrictInt, Field(ge=0)] = 0
-
-    @pydantic.field_validator("bounds")
-    @classmethod
-    def _order(cls, value):
-        for name, (low, high) in value.items():
-            if not low < high:
-                raise ValueError(f"{name}: the lower bound {low:g} must be below the upper one, {high:g}")
-        return value
 
 
 def read_specification(path) -> tuple[Specification, str]:
@@ -128,7 +116,7 @@ def _list_faults(error: pydantic.ValidationError) -> str:
     """All faults in one sentence, each with its key."""
     faults: dict[str, str] = {}
     for fault in error.errors():
-        place, kind, message = fault["loc"], fault["type"], fault["msg"].removeprefix("Value error, ")
+        place, kind, message = fault["loc"], fault["type"], fault["msg"]
         section = place[0] in SECTIONS
         if kind == "extra_forbidden":
             known = Sampler if len(place) > 1 and place[0] == "sampler" else Prior if section else Specification
@@ -136,7 +124,7 @@ def _list_faults(error: pydantic.ValidationError) -> str:
                 field.alias or name for name, field in known.model_fields.items())
         elif kind == "missing":
             message = "is missing"
-        elif section and kind != "value_error":
+        elif section:
             message = SECTIONS[str(place[0])]
         faults.setdefault(".".join(map(str, place[:2] if section else place)), f"{message[:1].lower()}{message[1:]}")
     return "; ".join(f"{key}: {message}" for key, message in faults.items())

@@ -130,13 +130,8 @@ def list_commons(campaign: Campaign) -> tuple[Common, ...]:
 
 def condition_deviations(campaign: Campaign, records, nuisances: tuple[str, ...]) -> np.ndarray:
     """Standard deviation of every nuisance of every record, shape (records, nuisances), SI; 0 where none is stated."""
-    columns = []
-    for name in nuisances:
-        column = campaign.independent if name == "time" else campaign.conditions[name]
-        values = np.ones(len(records)) if name == "time" else records[name].to_numpy(dtype=float)
-        uncertainty = None if column is None else column.uncertainty
-        columns.append(np.zeros(len(values)) if uncertainty is None else uncertainty.sd(values))
-    return np.stack(columns, axis=1)
+    return np.stack([np.full(len(records), campaign.time_sd) if name == "time" else
+                     campaign.conditions[name].sd(records[name]) for name in nuisances], axis=1)
 
 
 def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, most: int | None = None,
@@ -175,7 +170,7 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
     thin = [1 if most is None else -(-len(g) // most) for g in groups]
     groups = [g.iloc[::step] for g, step in zip(groups, thin, strict=True)]
     lengths = np.array([len(g) for g in groups])
-    blind = 0.0 if clock is None or clock.uncertainty is None else 3.0 * float(np.max(clock.uncertainty.sd(np.ones(1))))
+    blind = 3.0 * campaign.time_sd
     complete = np.ones((len(keys), len(channels)), dtype=bool)
     rows, size = pad_shape(len(keys), int(lengths.max()), family)
     time = np.zeros((rows, size))

@@ -36,6 +36,10 @@ class Column:
     common: Uncertainty | None = None
     degrees: float = float("inf")
 
+    def sd(self, values) -> np.ndarray:
+        """Standard deviation of each record's own error at `values` (any shape, SI); 0 where none is stated."""
+        return (self.uncertainty or Uncertainty()).sd(values)
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Campaign:
@@ -97,6 +101,11 @@ class Campaign:
     def record_keys(self) -> tuple[str, ...]:
         """Keys of the records, in the campaign's order."""
         return tuple(self.records.index)
+
+    @property
+    def time_sd(self) -> float:
+        """Standard deviation of each record's own time origin, SI; 0 where none is stated."""
+        return 0.0 if self.independent is None else float(self.independent.sd(1.0))
 
     def trace(self, key: str) -> pd.DataFrame:
         """Samples of one record: the independent variable and the channels, shape (samples, 1 + channels) [SI].
@@ -161,10 +170,8 @@ def thin_campaign(campaign: Campaign, most: int) -> tuple[Campaign, str]:
     """Every so many-th sample of the longer records, so that all together have at most `most`.
 
     What is kept are readings as they were taken: their noise is as stated, and no feature is smoothed away. Estimates
-    are less exact than all samples would make them, by up to the root of the share kept.
-
-    Returns:
-        The campaign, and a sentence that says so; the campaign itself and no sentence where it has no more.
+    are less exact than all samples would make them, by up to the root of the share kept. A sentence says so; it is
+    empty where nothing is left out.
     """
     if campaign.samples is None or len(campaign.samples) <= most:
         return campaign, ""

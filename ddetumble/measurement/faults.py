@@ -134,13 +134,8 @@ def _tell(kind: str, keys, channel: str, left_out: bool = False, **facts) -> Fau
 def screen_samples(campaign: Campaign, settings: ScreeningSettings = SCREENING) -> tuple[Campaign, tuple[Fault, ...]]:
     """Find what is wrong with the samples of a campaign, and leave it out.
 
-    Args:
-        campaign: as read.
-        settings: thresholds.
-
-    Returns:
-        The campaign with faulty samples missing and copied records left out, and what was found. Samples that are
-        missing, or unevenly taken, and records that end too early are reported and stay as they are.
+    Faulty samples are then missing, and copied records left out. Samples that are missing, or unevenly taken, and
+    records that end too early are reported and stay as they are.
     """
     if campaign.samples is None or campaign.independent is None:
         return campaign, ()
@@ -211,13 +206,8 @@ def find_runs(x: np.ndarray, sd: float, chance: float, count: int, tolerance: fl
               settings: ScreeningSettings = SCREENING) -> tuple[np.ndarray, np.ndarray, list[float]]:
     """Which readings of a record, shape (samples,), are at a limit (or around one), which stand still, and the limits.
 
-    Args:
-        x: readings, NaN where missing.
-        sd: standard deviation of the noise.
-        chance: that two neighbours are equal.
-        count: readings of all records, for how often chance may do it.
-        tolerance: below which a difference is none.
-        settings: thresholds.
+    `sd` is that of the noise, `chance` that of two neighbours being equal, `count` how many readings of all records
+    give chance an opportunity, and `tolerance` what a difference has to exceed.
     """
     clipped, held, limits = np.zeros(len(x), dtype=bool), np.zeros(len(x), dtype=bool), []
     there = np.flatnonzero(np.isfinite(x))
@@ -295,7 +285,8 @@ def find_truncated(campaign: Campaign, settings: ScreeningSettings = SCREENING) 
         before = force[time < 0]
         level = float(np.median(before)) if len(before) >= settings.last else 0.0
         peak, last = float(force.max()) - level, float(force[-settings.last:].mean()) - level
-        sd = uncertainty.sd(peak) if uncertainty is not None else np.median(np.abs(np.diff(force, 2))) / 0.6745 / 6**0.5
+        rough = np.median(np.abs(np.diff(force, 2))) / NORMAL_MEDIAN / 6**0.5
+        sd = uncertainty.sd(peak) if uncertainty is not None else rough
         noise = settings.ended * float(sd) / settings.last**0.5
         fall = float(force[-2 * settings.last: -settings.last].mean()) - level - last
         falling = fall > max(0.1 * last, 0.5 * noise)
@@ -339,7 +330,7 @@ def _measure_roughness(time: dict[str, np.ndarray], parts: dict[str, np.ndarray]
     """Deviation of the noise as samples stand off the cubic through their neighbours, robustly over all records."""
     there = {key: np.isfinite(x) for key, x in parts.items()}
     off = [leave_cubic(time[key][there[key]], x[there[key]]) for key, x in parts.items() if there[key].sum() > 8]
-    return float(np.median(np.abs(np.concatenate(off)))) / 0.6745 if off else 0.0
+    return float(np.median(np.abs(np.concatenate(off)))) / NORMAL_MEDIAN if off else 0.0
 
 
 def _find_uneven(unit: str, abscissa: str, time: dict[str, np.ndarray], settings: ScreeningSettings) -> list[Fault]:
@@ -366,13 +357,7 @@ def find_spikes(time: np.ndarray, x: np.ndarray, sd: float, settings: ScreeningS
     deviations, others lie on both sides, and a cubic with a step and a kink does not go through all nine. Where the
     nine are not so simple, a spike is what is outside of its neighbours' range, and off the lines through the two on
     each side (a ramp that ends in a jump goes on along one of them), by as much. Where the noise is louder for a
-    while, as that of a force gauge in proportion to its reading, its own size there counts.
-
-    Args:
-        time: of the samples, shape (samples,), in any unit.
-        x: readings of one record, shape (samples,), NaN where missing.
-        sd: standard deviation of the noise, in the readings' unit.
-        settings: thresholds.
+    while, as that of a force gauge in proportion to its reading, its own size there counts instead of `sd`.
     """
     found = np.zeros(len(x), dtype=bool)
     there = np.flatnonzero(np.isfinite(x))

@@ -20,9 +20,7 @@ def group_conditions(records: pd.DataFrame) -> np.ndarray:
 def can_leave_out(records: pd.DataFrame, free_running: bool = False) -> bool:
     """Whether whole conditions can be left out of a fit: there are at least three.
 
-    Args:
-        records: conditions of the records.
-        free_running: whether every record runs on from a start of its own, and is a condition by itself: two do.
+    Where every record runs on from a start of its own (`free_running`), it is a condition by itself, and two do.
     """
     return len(records) >= 2 if free_running else count_conditions(records) >= FEWEST
 

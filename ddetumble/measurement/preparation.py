@@ -53,14 +53,8 @@ def crop_records(tests: list[RawTest], window: str | None, notes: list[str]) -> 
 
 
 def cut_records(tests: list[RawTest], given, kind: RecordKind, notes: list[str]) -> list[RawTest]:
-    """Cut recordings of many contacts into one record each.
-
-    Args:
-        tests: The recordings.
-        given: `level` of the main channel above its median that begins a contact, and the time to keep `before` and
-            `after` that.
-        kind: Of the records.
-        notes: Gain what was found.
+    """Cut recordings of many contacts into one record each, as `given` says: `level` of the main channel above its
+    median that begins a contact, and the time to keep `before` and `after` that.
 
     Raises:
         InputError: A quantity is missing, no contact is found, or two are closer than the time to keep.

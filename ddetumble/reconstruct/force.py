@@ -178,9 +178,8 @@ def _prepare(campaign: Campaign, key: str) -> _Contact:
     """Find the contact of one record."""
     table = campaign.trace(key)
     conditions = {str(name): float(value) for name, value in campaign.records.loc[key].items()}
-    spreads = (campaign.conditions[n].uncertainty for n in ("approach_speed", "initial_pressure"))
-    speed, pressure = (0.0 if spread is None else float(spread.sd(conditions[n])) for n, spread in zip(
-        ("approach_speed", "initial_pressure"), spreads, strict=True))
+    speed, pressure = (float(campaign.conditions[name].sd(conditions[name]))
+                       for name in ("approach_speed", "initial_pressure"))
     time, depression = table["time"].to_numpy(dtype=float), table["depression"].to_numpy(dtype=float)
     good = np.isfinite(depression) & (time > 0)
     _refuse_few(campaign, key, good, "depression after first touch")
@@ -190,15 +189,9 @@ def _prepare(campaign: Campaign, key: str) -> _Contact:
     return _Contact(str(key), conditions, (speed, pressure), table, time, touch, end, {})
 
 
-def _find_time_sd(campaign: Campaign) -> float:
-    """Standard deviation of the time origin [s]; 0 where none is stated."""
-    spread = None if campaign.independent is None else campaign.independent.uncertainty
-    return 0.0 if spread is None else float(spread.sd(np.ones(1))[0])
-
-
 def _smooth_channel(campaign: Campaign, contacts: Sequence[_Contact], channel: str) -> Noise:
     """Smooth a channel of every record; its noise is first taken as stated, then as measured."""
-    blind = 2.0 * _find_time_sd(campaign)
+    blind = 2.0 * campaign.time_sd
     noise = default_noise(campaign, channel, contacts[0].time)
     for again in (False, True):
         residuals, steps = [], []
@@ -234,7 +227,7 @@ def _find_parameters(campaign: Campaign, saved: FittedModel | None, space: Param
               if s.owner is None and s.parameter.free and campaign.known.get(s.name) is None]
     if not [name for name in wanted if name != "effective_mass"]:
         return (), np.zeros((0, 0)), u, "The restitution is the one that the campaign states as known.", []
-    time_sd, rows, masses = _find_time_sd(campaign), [], []
+    rows, masses = [], []
     for contact in contacts:
         time, depth = contact.time, contact.table["depression"].to_numpy(dtype=float)
         reach = min(REACH * contact.end, max(float(time[-1]), contact.end))
@@ -245,7 +238,7 @@ def _find_parameters(campaign: Campaign, saved: FittedModel | None, space: Param
         gas = contact.smooth["pressure"].at(np.minimum(half, contact.end)) if measured else np.zeros(2 * STEPS + 1)
         rows.append((np.pad(time[inside], (0, pad), mode="edge"),
                      np.pad(depth[inside], (0, pad), constant_values=np.nan), gas, reach,
-                     (contact.deviations[0], time_sd)))
+                     (contact.deviations[0], campaign.time_sd)))
         # The work of the gas up to the largest depression, and a third of it for the damping, is m v^2 / 2.
         rise = contact.smooth["depression"].at(half[half <= contact.end]).max()
         pressure = float(np.mean(gas)) if measured else contact.conditions.get("initial_pressure", 0.0)
@@ -265,7 +258,7 @@ def _find_parameters(campaign: Campaign, saved: FittedModel | None, space: Param
     if not found.converged:
         notes.append("The fit of the restitution did not converge.")
     k = space.index.get("restitution")
-    if k is not None and "restitution" in found.names and abs(found.u[k]) > 5.0:
+    if k is not None and "restitution" in wanted and abs(found.u[k]) > 5.0:
         notes.append("The restitution ran to its limit, so the force is unreliable; give its value under `known`.")
     if found.chi2_reduced > 1.0 + found.slack:
         notes.append(f"The equation of motion leaves {np.sqrt(found.chi2_reduced):.2g} times the noise in the "
@@ -274,7 +267,7 @@ def _find_parameters(campaign: Campaign, saved: FittedModel | None, space: Param
     gas = "pressure" if measured else "initial pressure"
     source = (f"The restitution was found from the measured depression and {gas} of all records by the equation of "
               "motion, without the gauge.")
-    return found.names, found.covariance, found.u, source, notes
+    return wanted, found.covariance, found.u, source, notes
 
 
 def _stack_conditions(contacts: Sequence[_Contact]) -> dict[str, np.ndarray]:
@@ -434,8 +427,7 @@ class Rebound(NamedTuple):
     """Parameters that the measured depression gives."""
 
     u: np.ndarray  # coordinates of all parameters
-    names: tuple[str, ...]  # of those that were found
-    covariance: np.ndarray  # of their coordinates
+    covariance: np.ndarray  # of the coordinates of those that were found
     chi2_reduced: float  # of the depression
     converged: bool
     slack: float  # how far above 1 it may lie by chance
@@ -513,11 +505,8 @@ def find_rebound(space: ParameterSpace, u: np.ndarray, names: Sequence[str], mot
     """Fit the parameters `names` to the measured depression, each record's speed and time origin under their stated
     uncertainty.
 
-    Args:
-        space, u: parameters of the law, and where they start, shape (parameters,).
-        motion: of the records.
-        sd: standard deviation of the depression [m]; `inflation` of the variance of means by correlated noise.
-        measured: whether the pressure was measured.
+    Coordinates `u` of all parameters, shape (parameters,), are where they start; `sd` is the standard deviation of the
+    depression [m], and `inflation` how much correlated noise adds to the variance of means, a factor.
     """
     index = [space.index[name] for name in names]
     values, z, left, shared, own = (np.asarray(x) for x in _fit(
@@ -527,7 +516,7 @@ def find_rebound(space: ParameterSpace, u: np.ndarray, names: Sequence[str], mot
     degrees = max(float(np.isfinite(motion.depression).sum()) - len(names), 1.0)
     slack = 5.0 * float(np.sqrt(2.0 * inflation / degrees))
     if np.any(left == FAILED) or not np.all(np.isfinite(shared)):
-        return Rebound(u, tuple(names), np.full((len(names), len(names)), np.inf), float("inf"), False, slack)
+        return Rebound(u, np.full((len(names), len(names)), np.inf), float("inf"), False, slack)
     records, _, count = own.shape
     columns, right = eliminate_nuisances(
         np.concatenate([shared, np.zeros((records, count, len(names)))], axis=1),
@@ -538,5 +527,4 @@ def find_rebound(space: ParameterSpace, u: np.ndarray, names: Sequence[str], mot
     gradient = np.einsum("gri,gr->i", columns, right)
     expected = float(gradient @ np.linalg.lstsq(information, gradient, rcond=1e-12)[0])
     covariance = inflation * np.linalg.pinv(information, rcond=1e-12) * np.outer(scale, scale)
-    return Rebound(u, tuple(names), covariance, float(np.sum(left**2) + np.sum(z**2)) / degrees, expected < ENDED,
-                   slack)
+    return Rebound(u, covariance, float(np.sum(left**2) + np.sum(z**2)) / degrees, expected < ENDED, slack)
