@@ -20,7 +20,7 @@ from ddetumble.inference.models import resolve_effect
 from ddetumble.inference.noise import Noise
 from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.inference.problem import Solution
-from ddetumble.measurement import read_campaign
+from ddetumble.measurement.package import read_campaign
 
 
 USER = '''"""An effect of the user."""

@@ -9,8 +9,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ddetumble._errors import InputError
-from ddetumble.measurement import import_tests, read_campaign
-from ddetumble.measurement.package import format_campaign
+from ddetumble.measurement.laboratory import import_tests
+from ddetumble.measurement.package import format_campaign, read_campaign
 
 
 def refused(folder, *words):

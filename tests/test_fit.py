@@ -20,7 +20,7 @@ from ddetumble.inference.goodness import judge_goodness
 from ddetumble.inference.problem import Problem
 from ddetumble.inference.specification import Sampler, Specification, read_specification
 from ddetumble.inference.stack import hold_conditions, stack_records
-from ddetumble.measurement import read_campaign
+from ddetumble.measurement.package import read_campaign
 
 
 ROOT = Path(__file__).resolve().parent.parent

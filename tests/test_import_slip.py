@@ -9,7 +9,8 @@ from typer.testing import CliRunner
 
 from ddetumble._errors import InputError
 from ddetumble.cli import main
-from ddetumble.measurement import import_tests, read_campaign, write_campaign
+from ddetumble.measurement.laboratory import import_tests
+from ddetumble.measurement.package import read_campaign, write_campaign
 
 
 SLIP = np.linspace(0.0, 8.0, 41)  # mm

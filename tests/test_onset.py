@@ -9,8 +9,8 @@ import ddetumble as dd
 from ddetumble.exam.simulators.campaigns import write_package
 from ddetumble.exam.simulators.impact import Impact, simulate
 from ddetumble.exam.simulators.impact_campaigns import make_campaign
-from ddetumble.measurement import find_onsets
 from ddetumble.measurement.alignment import find_offset
+from ddetumble.measurement.onset import find_onsets
 
 
 LEAD = 0.02  # s, the true onset

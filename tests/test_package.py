@@ -12,7 +12,9 @@ import pytest
 from helpers_measurement import RECORDS, SAMPLES, descriptor, write_small
 
 from ddetumble._errors import InputError
-from ddetumble.measurement import Campaign, Column, Uncertainty, read_campaign, write_campaign
+from ddetumble.measurement.campaign import Campaign, Column
+from ddetumble.measurement.package import read_campaign, write_campaign
+from ddetumble.measurement.units import Uncertainty
 
 
 def test_reads_in_si_units(tmp_path):

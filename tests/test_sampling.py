@@ -18,7 +18,7 @@ from ddetumble.exam.simulators.campaigns import write_package
 from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign
 from ddetumble.figures.posterior import _push_ellipses, _push_marginal
 from ddetumble.inference.problem import simulate_records
-from ddetumble.measurement import read_campaign
+from ddetumble.measurement.package import read_campaign
 from ddetumble.posterior import pose_curve, pose_fit
 from ddetumble.posterior.chain import Settings, run_chains
 from ddetumble.posterior.diagnostics import compare_ensembles, judge_chains, measure_times

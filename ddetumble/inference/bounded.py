@@ -120,8 +120,7 @@ def _sum_squares(problem: Problem, solution: Solution) -> tuple[float, float, in
     return float(left), float(np.sum((weights * values) ** 2)), int((weights > 0).sum())
 
 
-def truncate_normal(mean: float, sd: float, low: float, high: float, level: float = 0.95
-                    ) -> tuple[float, float, float]:
+def truncate_normal(mean: float, sd: float, low: float, high: float, level: float = 0.95) -> tuple[float, float, float]:
     """Standard deviation and interval of highest density of a normal distribution cut off at `low` and `high`.
 
     `mean` and `sd` are those before it is cut off. Where the density is highest at a limit the interval begins there,

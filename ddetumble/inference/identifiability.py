@@ -74,7 +74,6 @@ class Knowledge:
     undetermined: tuple[str, ...]
     silent: tuple[str, ...]
     blends: tuple[Blend, ...]  # combinations that the data hardly fix, worst first
-    singular: np.ndarray  # values of the columns scaled to unit norm, descending, shape (free,)
 
 
 def analyse_fit(space: ParameterSpace, solution: Solution) -> Knowledge:
@@ -111,7 +110,7 @@ def analyse_jacobian(names: Sequence[str], columns: np.ndarray, scales: np.ndarr
         members = tuple(str(names[int(j)]) for j in order)
         blends.append(Blend(members, v, v / max(s[k], 1e-6) * scales / safe, singular))
     return Knowledge(covariance, correlations, tuple(n for n, x in zip(names, lost, strict=True) if x),
-                     tuple(n for n, x in zip(names, silent, strict=True) if x), tuple(blends), s)
+                     tuple(n for n, x in zip(names, silent, strict=True) if x), tuple(blends))
 
 
 def limit_knowledge(space: ParameterSpace, name: str) -> float:

@@ -165,8 +165,7 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution, sett
             continue
         # Strokes at two speeds have two sampling intervals: one of them, not the mean.
         interval = float(np.median(steps) if contact else np.sort(steps)[len(steps) // 2])
-        same = [r for r in range(records.count)
-                if contact or abs(float(time[r, 1] - time[r, 0]) / interval - 1) < 2e-3]
+        same = [r for r in range(records.count) if contact or abs(float(time[r, 1] - time[r, 0]) / interval - 1) < 2e-3]
         lengths = [span.high - span.low for r in same for span in spans[r][: 1 if contact else None]]
         lowest = 10.0 / float(np.median(lengths))
         if family.free_running:
@@ -405,8 +404,7 @@ def _search(look, longest: float, mixed: bool) -> np.ndarray:
     whole = box[0, 1] - box[0, 0]
     for turn in range(ROUNDS):
         size = (box[:, 1] - box[:, 0]) / NODES
-        axes = [low + step * (np.arange(count) + 0.5)
-                for low, step, count in zip(box[:, 0], size, NODES, strict=True)]
+        axes = [low + step * (np.arange(count) + 0.5) for low, step, count in zip(box[:, 0], size, NODES, strict=True)]
         time, share = np.meshgrid(axes[0], axes[1] if mixed else np.zeros(1), indexing="ij")
         volume = size[0] / whole * (size[1] if mixed else 1.0)
         found = look(np.exp(-np.exp(-time.ravel())), share.ravel(), volume)

@@ -132,8 +132,7 @@ class ParameterSpace:
             if name not in self.index:
                 raise InputError(f"there is no parameter {name!r} in this model; its parameters are: "
                                  f"{', '.join(self.index)}")
-        return np.array([s.parameter.transform.from_field(values.get(s.name, s.parameter.default))
-                         for s in self.slots])
+        return np.array([s.parameter.transform.from_field(values.get(s.name, s.parameter.default)) for s in self.slots])
 
     def scales(self) -> np.ndarray:
         """Typical change of each coordinate, shape (parameters,)."""

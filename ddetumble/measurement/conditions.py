@@ -99,8 +99,7 @@ def _match(table: Table, links: dict[str, str], records: dict[str, str]) -> dict
     rows, cells = {}, {link: read_texts(table, column) for link, column in links.items()}
     for key, file in records.items():
         names = {"file": (file, Path(file).name, Path(file).stem), "record": (key,)}
-        found = [i for i in range(len(table))
-                 if all(cells[link][i] in names[link] for link in links)]
+        found = [i for i in range(len(table)) if all(cells[link][i] in names[link] for link in links)]
         if len(found) > 1:
             problem = f"record {key!r} already has a row on line {table.lines[found[0]]}; keep one"
             raise InputError(problem, file=table.file, row=table.lines[found[1]])

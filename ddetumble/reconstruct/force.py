@@ -250,24 +250,11 @@ def _find_parameters(campaign: Campaign, saved: FittedModel | None, space: Param
         u[space.index["effective_mass"]] = np.log(mass)
     thin = max(1.0, float(np.median([c.touch.sum() for c in contacts])) / MOST)
     motion = Motion(_stack_conditions(contacts), *(np.array(column) for column in zip(*rows, strict=True)))
-    found = find_rebound(space, u, wanted, motion, noise.sd, max(inflate(noise) / thin, 1.0), measured)
-    if not np.isfinite(found.chi2_reduced):
-        raise ComputationError("the motion of the ball could not be integrated with the measured pressure: check the "
-                               "conditions and the units of depression and pressure")
-    notes = []
-    if not found.converged:
-        notes.append("The fit of the restitution did not converge.")
-    k = space.index.get("restitution")
-    if k is not None and "restitution" in wanted and abs(found.u[k]) > 5.0:
-        notes.append("The restitution ran to its limit, so the force is unreliable; give its value under `known`.")
-    if found.chi2_reduced > 1.0 + found.slack:
-        notes.append(f"The equation of motion leaves {np.sqrt(found.chi2_reduced):.2g} times the noise in the "
-                     "depression: the model is incomplete, and the errors of restitution and force may exceed those "
-                     "stated.")
+    u, covariance, notes = find_rebound(space, u, wanted, motion, noise.sd, max(inflate(noise) / thin, 1.0), measured)
     gas = "pressure" if measured else "initial pressure"
     source = (f"The restitution was found from the measured depression and {gas} of all records by the equation of "
               "motion, without the gauge.")
-    return wanted, found.covariance, found.u, source, notes
+    return wanted, covariance, u, source, notes
 
 
 def _stack_conditions(contacts: Sequence[_Contact]) -> dict[str, np.ndarray]:
@@ -423,16 +410,6 @@ class Motion(NamedTuple):
     deviations: np.ndarray  # of approach speed and time origin, shape (2,)
 
 
-class Rebound(NamedTuple):
-    """Parameters that the measured depression gives."""
-
-    u: np.ndarray  # coordinates of all parameters
-    covariance: np.ndarray  # of the coordinates of those that were found
-    chi2_reduced: float  # of the depression
-    converged: bool
-    slack: float  # how far above 1 it may lie by chance
-
-
 def _observe(law: ContactLaw, motion: Motion, z: Array) -> Array:
     """Depression of one record at its samples, by the classical Runge-Kutta method and cubic interpolation.
 
@@ -501,12 +478,13 @@ def _fit(space, names, measured, u, motion, sd):
 
 
 def find_rebound(space: ParameterSpace, u: np.ndarray, names: Sequence[str], motion: Motion, sd: float,
-                 inflation: float, measured: bool) -> Rebound:
+                 inflation: float, measured: bool) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """Fit the parameters `names` to the measured depression, each record's speed and time origin under their stated
     uncertainty.
 
     Coordinates `u` of all parameters, shape (parameters,), are where they start; `sd` is the standard deviation of the
-    depression [m], and `inflation` how much correlated noise adds to the variance of means, a factor.
+    depression [m], and `inflation` how much correlated noise adds to the variance of means, a factor. Returns the
+    coordinates, the covariance of those of `names`, and sentences on what is wrong with them.
     """
     index = [space.index[name] for name in names]
     values, z, left, shared, own = (np.asarray(x) for x in _fit(
@@ -516,7 +494,8 @@ def find_rebound(space: ParameterSpace, u: np.ndarray, names: Sequence[str], mot
     degrees = max(float(np.isfinite(motion.depression).sum()) - len(names), 1.0)
     slack = 5.0 * float(np.sqrt(2.0 * inflation / degrees))
     if np.any(left == FAILED) or not np.all(np.isfinite(shared)):
-        return Rebound(u, np.full((len(names), len(names)), np.inf), float("inf"), False, slack)
+        raise ComputationError("the motion of the ball could not be integrated with the measured pressure: check the "
+                               "conditions and the units of depression and pressure")
     records, _, count = own.shape
     columns, right = eliminate_nuisances(
         np.concatenate([shared, np.zeros((records, count, len(names)))], axis=1),
@@ -527,4 +506,12 @@ def find_rebound(space: ParameterSpace, u: np.ndarray, names: Sequence[str], mot
     gradient = np.einsum("gri,gr->i", columns, right)
     expected = float(gradient @ np.linalg.lstsq(information, gradient, rcond=1e-12)[0])
     covariance = inflation * np.linalg.pinv(information, rcond=1e-12) * np.outer(scale, scale)
-    return Rebound(u, covariance, float(np.sum(left**2) + np.sum(z**2)) / degrees, expected < ENDED, slack)
+    chi2, notes = float(np.sum(left**2) + np.sum(z**2)) / degrees, []
+    if not expected < ENDED:
+        notes.append("The fit of the restitution did not converge.")
+    if "restitution" in names and abs(u[space.index["restitution"]]) > 5.0:
+        notes.append("The restitution ran to its limit, so the force is unreliable; give its value under `known`.")
+    if chi2 > 1.0 + slack:
+        notes.append(f"The equation of motion leaves {np.sqrt(chi2):.2g} times the noise in the depression: the model "
+                     "is incomplete, and the errors of restitution and force may exceed those stated.")
+    return u, covariance, notes
