@@ -8,8 +8,7 @@ import numpy as np
 from scipy import optimize, stats
 
 from ..families import find_family
-from ..measurement.campaign import Campaign
-from ..measurement.grouping import group_conditions
+from ..measurement.campaign import Campaign, group_conditions
 from .noise import Noise, whitening_matrix
 from .problem import Added, Solution
 from .setting_spread import follow_conditions

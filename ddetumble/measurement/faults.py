@@ -14,8 +14,7 @@ from itertools import combinations
 import numpy as np
 from scipy import ndimage, special
 
-from .campaign import Campaign
-from .grouping import group_conditions
+from .campaign import Campaign, group_conditions
 from .kinds import find_kind
 from .quantities import join_words
 from .units import choose_time_unit

@@ -50,22 +50,15 @@ class OnsetSettings:
 
 @dataclass(frozen=True)
 class Onsets:
-    """Where contact begins in the traces of a campaign.
+    """Where contact begins in the traces of a campaign."""
 
-    Args:
-        time: Time of first touch of every trace on its own axis, shape (traces,) [s].
-        sd: Its standard error, of that trace alone [s].
-        common_sd: Standard error that all onsets share [s]: of the shape of the rise, which is one for the campaign,
-            and of the delay of the measuring chain, which no trace shows.
-        start: `curved` as in the reference model, `sloped` or `stepped`.
-        ringing: Natural frequency [Hz] and damping ratio of a gauge that rings, or None.
-    """
-
-    time: np.ndarray
-    sd: np.ndarray
+    time: np.ndarray  # time of first touch of every trace on its own axis, shape (traces,) [s]
+    sd: np.ndarray  # its standard error, of that trace alone [s]
+    # Standard error that all onsets share [s]: of the shape of the rise, which is one for the campaign, and of the
+    # delay of the measuring chain, which no trace shows
     common_sd: float
-    start: str
-    ringing: tuple[float, float] | None
+    start: str  # `curved` as in the reference model, `sloped` or `stepped`
+    ringing: tuple[float, float] | None  # natural frequency [Hz] and damping ratio of a gauge that rings, or None
 
 
 def find_onsets(times: Sequence, forces: Sequence, labels: Sequence[str] = (),

@@ -53,26 +53,19 @@ _SUSPECTS = ("initial_pressure", "internal_pressure", "approach_speed", "slip_sp
 
 @dataclass(frozen=True)
 class Implausibility:
-    """Something about a campaign as a whole that a wrong unit would explain.
+    """Something about a campaign as a whole that a wrong unit would explain."""
 
-    Attributes:
-        variable: Column, known number or measured size that is out of the ordinary.
-        value: Its median over the records [SI].
-        low, high: What is expected of it [SI].
-        unit: SI unit of these, "1" for a ratio.
-        mistakes: Wrong units each of which alone would explain all that is out of the ordinary: the column, the unit
-            that its values would be in, and the one that was stated. Columns come in the order in which they are likely
-            to be wrong, and each one's units by how well they agree; none where no single one explains all.
-        sentence: The question, in words.
-    """
-
-    variable: str
-    value: float
+    variable: str  # column, known number or measured size that is out of the ordinary
+    value: float  # its median over the records [SI]
+    # low, high: what is expected of it [SI]
     low: float
     high: float
-    unit: str
+    unit: str  # SI unit of these, "1" for a ratio
+    # Wrong units each of which alone would explain all that is out of the ordinary: the column, the unit that its
+    # values would be in, and the one that was stated. Columns come in the order in which they are likely to be wrong,
+    # and each one's units by how well they agree; none where no single one explains all
     mistakes: tuple[tuple[str, str, str], ...]
-    sentence: str
+    sentence: str  # the question, in words
 
     def __str__(self) -> str:
         return self.sentence

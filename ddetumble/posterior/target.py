@@ -37,7 +37,7 @@ from ..inference.identifiability import analyse_fit
 from ..inference.parameters import ParameterSpace
 from ..inference.problem import FAILED, Problem, Solution, evaluate, simulate_records
 from ..inference.stack import Records, Stack, trim_records
-from ..measurement.grouping import group_conditions, name_conditions
+from ..measurement.campaign import group_conditions, name_conditions
 
 
 POINTS = 16  # of the importance sampling of a record's nuisances: the proposal is close, and cost grows with them

@@ -16,8 +16,7 @@ from ..contact.effect import AbstractEffect, list_choices, parts_of, require_eff
 from ..families import find_family, name_family, open_campaign
 from ..inference.archive import Model, resolve_model
 from ..inference.models import ResolvedModel
-from ..measurement.campaign import Campaign
-from ..measurement.grouping import count_conditions
+from ..measurement.campaign import Campaign, count_conditions
 from ..measurement.plausibility import check_plausibility
 from ..measurement.units import Uncertainty
 from .bias import SettingBias, find_bias, fit_biases

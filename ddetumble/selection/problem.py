@@ -20,8 +20,7 @@ from ..inference.problem import Problem, Solution
 from ..inference.progressive_horizon import is_lost, solve_progressively
 from ..inference.setting_spread import estimate_spread, follow_conditions
 from ..inference.stack import Records, stack_records, widen_settings
-from ..measurement.campaign import Campaign
-from ..measurement.grouping import can_leave_out, group_conditions
+from ..measurement.campaign import Campaign, can_leave_out, group_conditions
 from .cross_validation import forecast, leave_out, predict_left_out
 from .lack_of_fit import (
     Score,

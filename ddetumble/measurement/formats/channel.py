@@ -7,23 +7,15 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """A channel as a file holds it.
+    """A channel as a file holds it."""
 
-    Args:
-        name: In its group.
-        values: Numbers, shape (samples,), or texts.
-        unit: As the file states it, or None.
-        group: The sheet, group, structure or topic that holds it; "" where the file has none.
-        clock: Time of each sample [s], shape (samples,), or None where the file holds time as a channel.
-        problem: Why the channel cannot be used; "" where it can.
-    """
-
-    name: str
-    values: np.ndarray | list[str]
-    unit: str | None = None
-    group: str = ""
+    name: str  # in its group
+    values: np.ndarray | list[str]  # numbers, shape (samples,), or texts
+    unit: str | None = None  # as the file states it, or None
+    group: str = ""  # the sheet, group, structure or topic that holds it; "" where the file has none
+    # Time of each sample [s], shape (samples,), or None where the file holds time as a channel
     clock: np.ndarray | None = None
-    problem: str = ""
+    problem: str = ""  # why the channel cannot be used; "" where it can
 
 
 def make_channels(name: str, values, unit: str | None = None, group: str = "", clock=None) -> list[Channel]:
