@@ -14,7 +14,7 @@ from jaxtyping import Array
 from ddetumble.contact.effect import AbstractEffect, AbstractModel, parameter
 from ddetumble.exam.simulators.noise import draw_noise
 from ddetumble.inference.levenberg_marquardt import eliminate_nuisances
-from ddetumble.inference.noise import TAPS, Noise, whiten, whitening
+from ddetumble.inference.noise import TAPS, Noise, whitening, whitening_matrix
 from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.inference.problem import Problem, Solution
 from ddetumble.inference.stack import COSINE, SINE, Records, Stack, is_added, widen_settings
@@ -133,7 +133,7 @@ class ToyProblem(Problem):
         """Rows of the residual, shape (records, rows)."""
         if not self.taps.any():
             return (x * self.weights).reshape(len(x), -1)
-        return np.stack([np.concatenate([whiten(self.weights[r, c], self.taps[r, c], x[r, c])
+        return np.stack([np.concatenate([whitening_matrix(self.weights[r, c], self.taps[r, c]) @ x[r, c]
                                          for c in range(x.shape[1])]) for r in range(len(x))])
 
     def solve(self, free, start, z=None, *, moving=True, tolerance=1e-7, max_steps=30):

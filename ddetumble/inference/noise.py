@@ -131,16 +131,7 @@ def scale_whitening(weights: np.ndarray, taps: np.ndarray, sizes: np.ndarray) ->
 
 
 def whitening_matrix(weights: np.ndarray, taps: np.ndarray) -> sparse.csr_matrix:
-    """A whitening filter as a banded matrix, shape (samples, samples)."""
-    found = sparse.diags(weights)
-    for k in range(1, min(TAPS, len(weights) - 1) + 1) if taps.any() else ():
-        found = found - sparse.diags((weights * taps[:, k - 1])[k:], -k)
-    return sparse.csr_matrix(found)
-
-
-def whiten(weights: np.ndarray, taps: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Apply a whitening filter along axis 0 of `x`, shape (samples, ...)."""
-    y = x.copy()
-    for k in range(TAPS):
-        y[k + 1:] -= (taps[k + 1:, k] * x[: -k - 1].T).T
-    return (y.T * weights).T
+    """A whitening filter as a banded matrix, shape (samples, samples), for columns over the samples."""
+    lags = range(1, min(TAPS, len(weights) - 1) + 1) if taps.any() else ()
+    bands = [weights, *(-(weights * taps[:, k - 1])[k:] for k in lags)]
+    return sparse.csr_matrix(sparse.diags(bands, [0, *(-k for k in lags)]))

@@ -11,7 +11,7 @@ import pandas as pd
 
 from .._errors import InputError
 from .kinds import RecordKind
-from .units import role_of, si_unit
+from .units import parse_quantity, role_of, si_unit
 
 
 PEAKS = ("peak_normal_force", "rebound_speed", "contact_time", "impulse", "peak_depression", "peak_friction_force")
@@ -37,14 +37,15 @@ class Rows(NamedTuple):
     lines: np.ndarray
 
 
-def check_known(name: str, value: float | None) -> None:
-    """Refuse a known parameter that no body can have: not positive where it must be, a restitution above one."""
-    if value is None:
-        return
+def read_known(name: str, text: str | float) -> float:
+    """Read a known parameter with its unit; refused is one that no body can have: not positive where it must be, a
+    restitution above one."""
+    value = parse_quantity(text, name)
     if name in _POSITIVE and value <= 0:
         raise InputError(f"the value must be positive; it is {value:g} {si_unit(name)}")
     if name == "restitution" and not 0 < value <= 1:
         raise InputError(f"the restitution must be above 0 and at most 1; it is {value:g}")
+    return value
 
 
 def refuse_rows(bad, rows, column: str, explain: str | Callable[[int], str]) -> None:

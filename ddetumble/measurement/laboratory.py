@@ -13,7 +13,7 @@ from .._errors import InputError, error_place
 from .._user_files import split_name
 from .alignment import RawTest, align_tests, start_clocks, take_means, turn_axes, turn_friction
 from .campaign import Campaign, Column
-from .checks import check_keys, check_known, check_record, check_values
+from .checks import check_keys, check_record, check_values, read_known
 from .columns import FRICTION_TEST, Plan, choose_columns, expand_role, find_unit, make_plan, read_pairs
 from .conditions import read_conditions, read_names
 from .faults import find_truncated
@@ -330,8 +330,7 @@ def _read_known(known, ambient, kind: RecordKind) -> dict[str, float | None]:
         if near and name not in (*ROLES, *parameters):
             raise InputError(f"there is no parameter {name!r}; did you mean {near[0]}?", option="--known")
         with error_place(option=f"--known {name}"):
-            parameters[name] = None if value in (None, "null", "") else parse_quantity(value, name)
-            check_known(name, parameters[name])
+            parameters[name] = None if value in (None, "null", "") else read_known(name, value)
     if ambient is not None:
         with error_place(option="--ambient"):
             parameters["ambient_pressure"] = parse_quantity(ambient, "ambient_pressure")

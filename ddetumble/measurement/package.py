@@ -19,7 +19,7 @@ from .campaign import Campaign, Column, arrange_samples
 from .descriptor import FieldModel, ResourceModel, find_descriptor, locate_resource, parse_descriptor
 from .kinds import find_kind, take_kind, write_kind
 from .tables import convert_column, decode, parse_table, pick_column, read_bytes
-from .units import check_unit, parse_quantity, parse_uncertainty, parse_unit, role_of, si_unit
+from .units import check_unit, parse_uncertainty, parse_unit, role_of, si_unit
 
 
 UNITLESS = ("sequence", "repeats")
@@ -64,8 +64,7 @@ def _read_package(descriptor: Path) -> Campaign:
     digest, notes, known = hashlib.sha256(b"%d\n" % len(data) + data), [], {}
     for name, value in model.known.items():
         with error_place(key=f"known.{name}"):
-            known[name] = None if value is None else parse_quantity(value, name)
-            checks.check_known(name, known[name])
+            known[name] = None if value is None else checks.read_known(name, value)
     resources: dict[str, ResourceModel] = {}
     for resource in model.resources:
         if resource.name in resources:

@@ -23,8 +23,7 @@ _SHEETS = (".xlsx", ".xlsm", ".ods")
 _READERS = {
     **dict.fromkeys((".xlsx", ".xlsm"), ("spreadsheet", "openpyxl", False)),
     ".ods": ("spreadsheet", "odfpy", False),
-    ".mat": ("matlab", "h5py", False),
-    **dict.fromkeys((".h5", ".hdf5", ".hdf", ".nxs", ".nc"), ("hdf5", "h5py", False)),
+    **dict.fromkeys((".mat", ".h5", ".hdf5", ".hdf", ".nxs", ".nc"), ("hdf5", "h5py", False)),
     ".tdms": ("tdms", "npTDMS", False),
     ".parquet": ("parquet", "pyarrow", False),
     **dict.fromkeys((".mf4", ".mdf"), ("mdf", "asammdf", True)),

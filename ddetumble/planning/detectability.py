@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 
 from .._display import AbstractPrinted, Progress
-from .._errors import ComputationError, InputError
+from .._errors import ComputationError, InputError, error_place
 from .._numerics import map_threads
 from ..contact.effect import AbstractEffect, is_scored, parameters_of, read_field
 from ..dynamics.impact import RTOL
@@ -29,7 +29,7 @@ from ..inference.assembly import adapt_reference, default_starts, guess_start
 from ..inference.files import list_versions, make_plain, write_json
 from ..inference.models import ResolvedModel
 from ..measurement.campaign import Campaign, Column, Uncertainty
-from ..measurement.checks import check_known, check_values
+from ..measurement.checks import check_values, read_known
 from ..measurement.columns import expand_role, read_pairs
 from ..measurement.kinds import list_kinds
 from ..measurement.layout import split_heading
@@ -301,11 +301,8 @@ def read_plan(path: Path | str, model: Model = "paper", *, channels: Sequence[st
 
     known = {}
     for name, text in read_pairs("value", values).items():
-        try:
-            known[name] = parse_quantity(text, name)
-            check_known(name, known[name])
-        except InputError as error:
-            raise InputError(error.problem, option=f"--value {name}") from None
+        with error_place(option=f"--value {name}"):
+            known[name] = read_known(name, text)
     given = {**family.plan.uncertainties,
              **{expand_role(k, family.kind): v for k, v in read_pairs("uncertainty", uncertainties).items()}}
     strange = [n for n in given if n not in columns and n != "time" and n not in family.plan.uncertainties]

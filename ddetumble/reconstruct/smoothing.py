@@ -5,7 +5,7 @@ import dataclasses as dc
 import numpy as np
 from scipy.interpolate import BSpline
 
-from ..inference.noise import Noise, whiten, whitening
+from ..inference.noise import Noise, whitening, whitening_matrix
 
 
 DEGREE = 5  # of the splines: the second derivative, which is needed, is still cubic
@@ -47,8 +47,8 @@ def smooth_samples(time: np.ndarray, values: np.ndarray, noise: Noise, start: fl
     count = int(np.clip(len(time) // 2, DEGREE + 1, MOST_COLUMNS))
     knots = np.concatenate([[start] * DEGREE, np.linspace(start, end, count - DEGREE + 1), [end] * DEGREE])
     basis = _columns(knots, np.clip(time, start, end))
-    filters = whitening(noise, time, np.ones(len(time), dtype=bool))
-    seen, target = whiten(*filters, basis), whiten(*filters, values[:, None])[:, 0]
+    whitener = whitening_matrix(*whitening(noise, time, np.ones(len(time), dtype=bool)))
+    seen, target = whitener @ basis, whitener @ values
     middles = np.linspace(start, end, 8 * count + 1)
     rough = _columns(knots, 0.5 * (middles[1:] + middles[:-1]), ROUGHNESS)
     _, sizes, vectors = np.linalg.svd(rough, full_matrices=True)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import stats
 from scipy.linalg import block_diag
 
-from ..inference.noise import whiten
+from ..inference.noise import whitening_matrix
 from ..inference.problem import Problem, Solution
 from ..inference.progressive_horizon import is_lost, solve_progressively
 from ..inference.stack import Stack
@@ -138,7 +138,7 @@ def whiten_columns(problem: Problem, record: int, channel: int, columns: np.ndar
     stack, n = problem.records.stack, problem.records.lengths[record]
     weights, taps = np.asarray(stack.weights)[record], np.asarray(stack.taps)[record]
     found = np.zeros((*weights.shape, columns.shape[1]))
-    found[channel, :n] = whiten(weights[channel, :n], taps[channel, :n], columns)
+    found[channel, :n] = whitening_matrix(weights[channel, :n], taps[channel, :n]) @ columns
     return found.reshape(-1, columns.shape[1])
 
 

@@ -1,4 +1,4 @@
-"""HDF5 and what is built on it: NeXus, netCDF, and MATLAB's .mat of version 7.3."""
+"""HDF5 and what is built on it: NeXus, netCDF, and MATLAB's .mat of version 7.3; that of version 5 by SciPy."""
 
 from pathlib import Path
 
@@ -16,6 +16,8 @@ def read_hdf5(path: Path) -> list[Channel]:
     """
     import h5py
 
+    if path.suffix.lower() == ".mat" and not h5py.is_hdf5(path):
+        return _read_matlab(path)
     with h5py.File(path, "r") as file:
         sets: dict[str, h5py.Dataset] = {}
         logs: set[str] = set()
@@ -88,3 +90,31 @@ def _read_text(item, name: str) -> str | None:
     value = item.attrs.get(name)
     value = value.flat[0] if isinstance(value, np.ndarray) and value.size == 1 else value
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else value if isinstance(value, str) else None
+
+
+def _read_matlab(path: Path) -> list[Channel]:
+    """Channels of the variables of a file; a structure is a group, and so is each element of an array of structures.
+
+    The unit of `Fz` is the text in a variable `Fz_unit`, or in the field `Fz` of a structure `units`.
+    """
+    from scipy import io
+
+    sizes = [np.prod(shape, dtype=float) for _, shape, _ in io.whosmat(str(path))]
+    refuse_memory(16.0 * sum(sizes), f"reading {path}")
+    return _walk_variables(io.loadmat(str(path), simplify_cells=True), "")
+
+
+def _walk_variables(tree: dict, group: str) -> list[Channel]:
+    units, found = tree.get("units"), []
+    for name, value in tree.items():
+        inner = f"{group}/{name}" if group else name
+        if isinstance(value, dict):
+            found += _walk_variables(value, inner) if value is not units else []
+        elif isinstance(value, list) and value and all(isinstance(one, dict) for one in value):
+            found += [channel for i, one in enumerate(value, 1) for channel in _walk_variables(one, f"{inner}({i})")]
+        elif not name.startswith("__") and not name.endswith(("_unit", "_units")):
+            unit = next((text for text in (tree.get(f"{name}_unit"), tree.get(f"{name}_units"),
+                                           units.get(name) if isinstance(units, dict) else None)
+                         if isinstance(text, str)), None)
+            found += make_channels(name, value, unit, group)
+    return found
