@@ -11,7 +11,18 @@ import pandas as pd
 
 from .._errors import InputError, error_place
 from .._user_files import split_name
-from .alignment import RawTest, align_tests, start_clocks, take_means, turn_axes, turn_friction
+from .alignment import (
+    RawTest,
+    align_tests,
+    crop_records,
+    cut_records,
+    reverse_signs,
+    start_clocks,
+    subtract_zeros,
+    take_means,
+    turn_axes,
+    turn_friction,
+)
 from .campaign import Campaign, Column
 from .checks import check_keys, check_record, check_values, read_known
 from .columns import FRICTION_TEST, Plan, choose_columns, expand_role, find_unit, make_plan, read_pairs
@@ -20,7 +31,6 @@ from .faults import find_truncated
 from .kinds import DEFAULT_KIND, RecordKind, find_kind, take_kind
 from .layout import RawFile
 from .plausibility import check_plausibility
-from .preparation import crop_records, cut_records, reverse_signs, subtract_zeros
 from .recordings import ENDINGS, is_bag, read_files, split_sheet
 from .tables import convert_column, read_texts, read_toml
 from .units import ROLES, Uncertainty, check_unit, parse_quantity, parse_uncertainty, si_unit
@@ -117,10 +127,10 @@ def import_tests(
     if not tests:
         raise InputError("the file holds nothing beside the conditions; name the files with the measurements",
                          file=table)
-    reverse_signs(tests, reverse, kind, plan.notes)
-    subtract_zeros(tests, zero, kind, plan.notes)
-    crop_records(tests, crop, plan.notes)
-    tests = cut_records(tests, cut, kind, plan.notes)
+    reverse_signs(tests, reverse, plan)
+    subtract_zeros(tests, zero, plan)
+    crop_records(tests, crop, plan)
+    tests = cut_records(tests, cut, plan)
     files: dict[str, str] = {}
     for test in tests:
         if test.key in files:
