@@ -236,11 +236,7 @@ def make_fitted(*, campaign: Campaign, model_name: str, space: ParameterSpace, s
 
 
 def save_model(folder, fitted: FittedModel) -> Path:
-    """Write a fitted model into a folder (made where it is not there), as `model.json`; returns the file's path.
-
-    Raises:
-        InputError: The folder cannot be written.
-    """
+    """Write a fitted model into a folder (made where it is not there), as `model.json`; returns the file's path."""
     folder = Path(folder)
     model, digest = _place(fitted.model, folder)
     family = write_kind(fitted.family, folder)

@@ -41,9 +41,6 @@ class Assembly:
 def assemble_space(campaign: Campaign, reference: AbstractModel,
                    extra: Sequence[type[AbstractEffect]] = ()) -> Assembly:
     """Gather everything that a model of the campaign may hold: the reference model, the catalogue and `extra` effects.
-
-    Raises:
-        InputError: The campaign does not have what the model needs, or states something impossible.
     """
     family = find_family(name_family(campaign))
     family.require_model(reference, campaign.name)
@@ -113,9 +110,6 @@ def adapt_reference(campaign: Campaign, reference: AbstractModel) -> AbstractMod
     """A reference model that reads the campaign's conditions; refused in words where they are missing.
 
     A power law takes the pressure, or else the first further condition that varies, about its median.
-
-    Raises:
-        InputError: the model needs a gas pressure and the campaign has none, or none in some record.
     """
     records = campaign.records
 

@@ -109,9 +109,6 @@ def wrap_model(model: AbstractModel | type[AbstractModel] | AbstractLaw) -> Reso
 
     The name is that of the built-in model with the same parts, choices and constants; else that of the class, with its
     file where it is one of the user's own.
-
-    Raises:
-        InputError: A class cannot be made without arguments.
     """
     if isinstance(model, type):
         try:
@@ -151,11 +148,7 @@ def _suggest(name: str, known: Iterable[str]) -> str:
 
 
 def list_effects(path: Path | str) -> tuple[type[AbstractEffect], ...]:
-    """All effects that a user's file holds, in its order.
-
-    Raises:
-        InputError: The file cannot be read or run, holds none, or one whose id the catalogue has, or two of one id.
-    """
+    """All effects that a user's file holds, in its order."""
     module = run_file(Path(path))
     found = [one for one in module.__dict__.values() if isinstance(one, type) and issubclass(one, AbstractEffect)
              and one.__module__ == module.__name__ and not one.__name__.startswith(("_", "Abstract"))]

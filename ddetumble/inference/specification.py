@@ -70,9 +70,6 @@ def read_specification(path) -> tuple[Specification, str]:
 
     Returns:
         The specification, and the SHA-256 of the file.
-
-    Raises:
-        InputError: It is not there, no TOML, or says something that is not understood; the key is named.
     """
     path = Path(path)
     path = path / "fit.toml" if path.is_dir() else path

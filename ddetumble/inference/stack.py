@@ -148,9 +148,6 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
         noise: by channel; white at the stated deviation where not given.
         most: thin every record evenly to at most so many samples.
         zeros: standard deviations of offset and drift of a channel's zero, SI: they are nuisances of every record.
-
-    Raises:
-        InputError: A sample, channel or condition is missing without which nothing can be computed.
     """
     assert campaign.samples is not None
     family = find_family(name_family(campaign))

@@ -76,9 +76,6 @@ def crop_records(tests: list[RawTest], window: str | None, plan: Plan) -> None:
 def cut_records(tests: list[RawTest], given, plan: Plan) -> list[RawTest]:
     """Cut recordings of many contacts into one record each, as `given` says: `level` of the main channel above its
     median that begins a contact, and the time to keep `before` and `after` that.
-
-    Raises:
-        InputError: A quantity is missing, no contact is found, or two are closer than the time to keep.
     """
     if not given:
         return tests

@@ -50,11 +50,7 @@ def expand_role(name: str, kind: RecordKind) -> str:
 
 
 def read_pairs(option: str, given) -> dict[str, str]:
-    """Entries NAME=VALUE of an option, given as a mapping, one text or several.
-
-    Raises:
-        InputError: An entry without "=", or a name given twice.
-    """
+    """Entries NAME=VALUE of an option, given as a mapping, one text or several."""
     if isinstance(given, dict):
         return {str(key): str(value) for key, value in given.items()}
     pairs = {}

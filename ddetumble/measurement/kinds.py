@@ -221,11 +221,7 @@ def _take(own: _Own) -> str:
 
 
 def write_kind(name: str, folder: Path) -> str:
-    """A kind as a file in a folder names it: its name, or `FILE.py:NAME` from that folder on.
-
-    Raises:
-        InputError: The kind is one of the user's own that stands in no file.
-    """
+    """A kind as a file in a folder names it: its name, or `FILE.py:NAME` from there on; one in no file is refused."""
     own = _TAKEN.get(name)
     if own is None:
         return name

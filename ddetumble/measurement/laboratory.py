@@ -196,9 +196,6 @@ def read_import_file(path, names: Collection[str]) -> dict[str, Any]:
     Args:
         path: Of the file: the key `raw` with a file or a list of them (`*` stands for any text), and the options.
         names: Of the arguments there are.
-
-    Raises:
-        InputError: The file cannot be read, or a key or value is none that an import takes.
     """
     path = Path(path)
     given = read_toml(path)

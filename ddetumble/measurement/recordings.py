@@ -47,9 +47,6 @@ class Recording(RawFile):
 
     def join(self, names: Iterable[str]) -> RawFile:
         """The table of these columns: of one length, or over the times of all clocks, NaN where a column has no sample.
-
-        Raises:
-            InputError: A column cannot be used, the lengths are not alike, or a clock does not go forward.
         """
         names, notes = list(dict.fromkeys(names)), list(self.notes)
         for name in names:
@@ -114,9 +111,6 @@ def read_files(path, *, sheet: str | None = None, leave_out: str | None = None, 
         sheet: The sheet or group to read where there are several; of a pattern such as `*` each that fits.
         leave_out: A sheet or group that is not a test; a file that holds no other gives none.
         delimiter, decimal: Of a text file, as `read_layout` takes them.
-
-    Raises:
-        InputError: The file cannot be read, its library is missing, or it is open which sheet or group is meant.
     """
     path = Path(path)
     ending = path.suffix.lower()
