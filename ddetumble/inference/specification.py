@@ -63,13 +63,8 @@ class Specification(Strict):
 
 
 def read_specification(path) -> tuple[Specification, str]:
-    """Read a specification; paths in it become those seen from here.
-
-    Args:
-        path: the file `fit.toml`, or its folder.
-
-    Returns:
-        The specification, and the SHA-256 of the file.
+    """Read a specification, the file `fit.toml` or its folder; paths in it become those seen from here. Returns the
+    SHA-256 of the file, too.
     """
     path = Path(path)
     path = path / "fit.toml" if path.is_dir() else path

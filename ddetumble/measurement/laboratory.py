@@ -191,11 +191,9 @@ def import_tests(
 
 
 def read_import_file(path, names: Collection[str]) -> dict[str, Any]:
-    """The arguments of an import, by name, as a file says them; paths in it count from its folder on.
+    """The arguments of an import, of those `names`, as a file says them; paths in it count from its folder on.
 
-    Args:
-        path: Of the file: the key `raw` with a file or a list of them (`*` stands for any text), and the options.
-        names: Of the arguments there are.
+    It has the key `raw` with a file or a list of them (`*` stands for any text), and the options.
     """
     path = Path(path)
     given = read_toml(path)

@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .campaign import Campaign
-from .kinds import find_kind
-from .sizes import Size
+from .kinds import Size, find_kind
 from .units import parse_unit, role_of, si_unit
 
 
