@@ -37,42 +37,31 @@ Shapes = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 @dc.dataclass(frozen=True)
 class NoiseSettings:
-    """What decides how the noise of a campaign is taken.
+    """What decides how the noise of a campaign is taken."""
 
-    Attributes:
-        fewest: samples without a gap that tell something about the noise.
-        stated: relative standard deviation of a size that a campaign states: near enough certain.
-        between: the same of one that varies, over the logarithm of its range: the stated size lies somewhere within.
-        slowest: correlation times over the period of the lowest frequency used: what is slower is a drift, no noise.
-        worth: logarithm of the likelihood that a further parameter of the noise has to bring (Akaike asks for 1; the
-            spectrum is looked at in many places).
-        quiet: samples before contact from which on they may contradict the stated size.
-        doubt: logarithm of the ratio of their size to the stated one that does, and
-        doubt_errors: the same in its standard errors.
-        differs: relative difference from the stated size from which on a model is fitted again under the measured one.
-        level_change, correlation_change, white_change: changes of the logarithm of the size, of the correlation and of
-            the share that is white, under a better model, from which on all steps are fitted again.
-        size_change: the same of the logarithm of the sizes of single samples, rms over them.
-        size: what makes the size count as varying.
-        hum: what makes a sine count as hum.
-        looks: measurements of the noise beside one model, at most, each after a fit with the hum that the last one saw.
-    """
-
-    fewest: int = 24
-    stated: float = 0.01
+    fewest: int = 24  # samples without a gap that tell something about the noise
+    stated: float = 0.01  # relative standard deviation of a size that a campaign states: near enough certain
+    # The same of one that varies, over the logarithm of its range: the stated size lies somewhere within
     between: float = 0.5
+    # Correlation times over the period of the lowest frequency used: what is slower is a drift, no noise
     slowest: float = 3.0
+    # Logarithm of the likelihood that a further parameter of the noise has to bring (Akaike asks for 1; the spectrum is
+    # looked at in many places)
     worth: float = 4.0
-    quiet: int = 30
-    doubt: float = 0.15
-    doubt_errors: float = 10.0
+    quiet: int = 30  # samples before contact from which on they may contradict the stated size
+    doubt: float = 0.15  # logarithm of the ratio of their size to the stated one that does
+    doubt_errors: float = 10.0  # the same in its standard errors, which is asked beside
+    # Relative difference from the stated size from which on a model is fitted again under the measured one
     differs: float = 0.1
+    # level_change, correlation_change, white_change: changes of the logarithm of the size, of the correlation and of
+    # the share that is white, under a better model, from which on all steps are fitted again
     level_change: float = 0.03
     correlation_change: float = 0.05
     white_change: float = 0.15
-    size_change: float = 0.1
-    size: SizeSettings = SIZE
-    hum: HumSettings = HUM
+    size_change: float = 0.1  # the same of the logarithm of the sizes of single samples, rms over them
+    size: SizeSettings = SIZE  # what makes the size count as varying
+    hum: HumSettings = HUM  # what makes a sine count as hum
+    # Measurements of the noise beside one model, at most, each after a fit with the hum that the last one saw
     looks: int = 3
 
 

@@ -318,11 +318,9 @@ class Problem:
             shared = self.solve(names, u, z, moving=False).shared
             found[firsts[k]: firsts[k + 1], :, :rows] = np.moveaxis(shared, 2, 0)
 
-        if self.records.stack.values.size * few > BLOCK:  # two side by side would take twice the memory on the way
-            for k in range(len(jobs)):
-                fill(k)
-        else:
-            map_threads(fill, range(len(jobs)))
+        # Two side by side take twice the memory on the way.
+        apply = map if self.records.stack.values.size * few > BLOCK else map_threads
+        list(apply(fill, range(len(jobs))))
         return found
 
     def solve(self, free: Sequence[str], start: np.ndarray, z: np.ndarray | None = None, *, moving: bool = True,

@@ -48,26 +48,17 @@ _TEXTS = {  # what is seen, what was done, what to do
 
 @dc.dataclass(frozen=True)
 class Fault:
-    """One fault in the data, described in words.
+    """One fault in the data, described in words."""
 
-    Attributes:
-        kind: `clipped`, `held`, `spike`, `missing`, `uneven`, `truncated`, `copied`, `unit`, `setting`, `clock`,
-            `zero`, `gain`, `outlier` or `doubtful`.
-        records: keys of the records that have it.
-        channel: or condition that has it; empty where it is the record as a whole.
-        seen: what is seen, a sentence.
-        done: what was done about it, a sentence.
-        remedy: what to do, a sentence.
-        left_out: whether the records as a whole are left out.
-    """
-
+    # `clipped`, `held`, `spike`, `missing`, `uneven`, `truncated`, `copied`, `unit`, `setting`, `clock`, `zero`,
+    # `gain`, `outlier` or `doubtful`
     kind: str
-    records: tuple[str, ...]
-    channel: str
-    seen: str
-    done: str
-    remedy: str
-    left_out: bool = False
+    records: tuple[str, ...]  # keys of the records that have it
+    channel: str  # or condition that has it; empty where it is the record as a whole
+    seen: str  # what is seen, a sentence
+    done: str  # what was done about it, a sentence
+    remedy: str  # what to do, a sentence
+    left_out: bool = False  # whether the records as a whole are left out
 
     def __str__(self) -> str:
         return f"{self.seen} {self.done} {self.remedy}"
@@ -75,40 +66,27 @@ class Fault:
 
 @dc.dataclass(frozen=True)
 class ScreeningSettings:
-    """When samples count as faulty, before any model is fitted.
+    """When samples count as faulty, before any model is fitted."""
 
-    Attributes:
-        chance: expected number, by chance, of runs of equal readings that are called clipped or held: one campaign in
-            ten thousand loses good samples.
-        near: standard deviations below a limit within which a reading may have been cut by it.
-        spike: standard deviations off its neighbours from which a reading is a spike: of a million Gaussian readings
-            none is.
-        smooth: standard deviations of the other samples from a cubic, up to which they lie on it.
-        common: samples around a spike within which one of another record is at the same time.
-        recurs: expected number of spikes of others there, by chance, below which a common spike is the experiment's.
-        many: share of the readings of a record beyond which spikes are no accidents.
-        uneven: share by which intervals of sampling may differ.
-        often: share of the intervals that may differ by more.
-        copied: share of readings that differ from the one before, which a record needs to be held against others: one
-            that stands still is equal to any.
-        last: readings at the end of a record whose mean tells whether it ends in contact.
-        pressed: share of the peak above which that mean is a contact's: drift or lag of a gauge makes less.
-        ended: standard deviations of that mean above nought.
-    """
-
+    # Expected number, by chance, of runs of equal readings that are called clipped or held: one campaign in ten
+    # thousand loses good samples
     chance: float = 1e-4
-    near: float = 3.0
+    near: float = 3.0  # standard deviations below a limit within which a reading may have been cut by it
+    # Standard deviations off its neighbours from which a reading is a spike: of a million Gaussian readings none is
     spike: float = 7.0
-    smooth: float = 1.8
-    common: float = 3.0
+    smooth: float = 1.8  # standard deviations of the other samples from a cubic, up to which they lie on it
+    common: float = 3.0  # samples around a spike within which one of another record is at the same time
+    # Expected number of spikes of others there, by chance, below which a common spike is the experiment's
     recurs: float = 0.01
-    many: float = 0.05
-    uneven: float = 0.02
-    often: float = 0.02
+    many: float = 0.05  # share of the readings of a record beyond which spikes are no accidents
+    uneven: float = 0.02  # share by which intervals of sampling may differ
+    often: float = 0.02  # share of the intervals that may differ by more
+    # Share of readings that differ from the one before, which a record needs to be held against others: one that stands
+    # still is equal to any
     copied: float = 0.9
-    last: int = 5
-    pressed: float = 0.05
-    ended: float = 6.0
+    last: int = 5  # readings at the end of a record whose mean tells whether it ends in contact
+    pressed: float = 0.05  # share of the peak above which that mean is a contact's: drift or lag of a gauge makes less
+    ended: float = 6.0  # standard deviations of that mean above nought
 
 
 SCREENING = ScreeningSettings()
