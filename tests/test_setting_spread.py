@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy import optimize, stats
 
-from ddetumble.inference import setting_spread
+from ddetumble.inference import variance_components
 from ddetumble.inference.problem import Solution
-from ddetumble.inference.setting_spread import SpreadSettings, estimate_spread, follow_conditions, list_settings
+from ddetumble.inference.variance_components import SpreadSettings, estimate_spread, follow_conditions, list_settings
 
 
 ROWS, NAMES = 30, ("speed", "pressure", "time")
@@ -115,7 +115,7 @@ def test_restricted_likelihood_is_that_of_the_dense_normal_density(monkeypatch, 
         seen.append(function)
         return optimize.minimize(function, start, **options)
 
-    monkeypatch.setattr(setting_spread, "optimize", SimpleNamespace(minimize=minimise))
+    monkeypatch.setattr(variance_components, "optimize", SimpleNamespace(minimize=minimise))
     solution = linear.solve((1.0, 1.7, 1.0))
     estimate_spread(linear.records, solution, known, SpreadSettings(prior=0.8))
     records, rows, count = linear.shared.shape

@@ -5,8 +5,9 @@ import pytest
 from helpers_statistics import PRESSURES, SD, SPEEDS, fit_toy, make_selection
 
 from ddetumble.exam.simulators.noise import draw_noise
-from ddetumble.inference import slow_noise
-from ddetumble.inference.slow_noise import add_slow_noise
+from ddetumble.inference import variance_components
+from ddetumble.inference.noise import Noise
+from ddetumble.inference.variance_components import add_slow_noise
 
 
 CONDITIONS = [(v, p) for v in SPEEDS for p in PRESSURES] * 2
@@ -46,7 +47,7 @@ def test_restricted_likelihood_is_that_of_the_dense_normal_density(count):
         square = free.T @ inverse @ free
         projector = inverse - inverse @ free @ np.linalg.solve(square, free.T @ inverse)
         expected = np.linalg.slogdet(covariance)[1] + np.linalg.slogdet(square)[1] + right @ projector @ right
-        assert slow_noise._lose(logarithm, slow, parts) == pytest.approx(expected, rel=1e-8)
+        assert variance_components._lose(logarithm, slow, parts) == pytest.approx(expected, rel=1e-8)
 
 
 @pytest.mark.parametrize(("size", "slow"), [(0.05, 0.3), (0.1, 0.15), (0.2, 0.6)])
@@ -69,7 +70,7 @@ def test_no_baseline_is_found_in_noise(rho):
 
 
 def make_known(rho):
-    return slow_noise.Noise(SD["normal_force"], rho, 0.0, 0.02, SD["normal_force"], 0.0, "")
+    return Noise(SD["normal_force"], rho, 0.0, 0.02, SD["normal_force"], 0.0, "")
 
 
 def test_settings_off_within_their_uncertainty_are_no_baseline():

@@ -11,8 +11,8 @@ from ..families import find_family
 from ..measurement.campaign import Campaign, group_conditions
 from .noise import Noise, whitening_matrix
 from .problem import Added, Solution
-from .setting_spread import follow_conditions
 from .stack import Records, list_paces
+from .variance_components import follow_conditions
 
 
 PADDED = 4  # times the length of a record, to which it is filled up before its spectrum: peaks are seen between bins

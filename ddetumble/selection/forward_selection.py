@@ -15,7 +15,7 @@ from .._numerics import map_threads
 from ..inference.assembly import default_starts
 from ..inference.noise_estimation import changed, has_more_hum, measure_noise
 from ..inference.problem import Solution
-from ..inference.slow_noise import add_slow_noise
+from ..inference.variance_components import add_slow_noise
 from .cross_validation import compare_losses
 from .lack_of_fit import Score
 from .localise import find_line

@@ -18,8 +18,8 @@ from ..inference.noise_estimation import differs_from_stated, has_more_hum, meas
 from ..inference.parameters import ParameterSpace
 from ..inference.problem import Problem, Solution
 from ..inference.progressive_horizon import is_lost, solve_progressively
-from ..inference.setting_spread import estimate_spread, follow_conditions
 from ..inference.stack import Records, stack_records, widen_settings
+from ..inference.variance_components import estimate_spread, follow_conditions
 from ..measurement.campaign import Campaign, can_leave_out, group_conditions
 from .cross_validation import forecast, leave_out, predict_left_out
 from .lack_of_fit import (

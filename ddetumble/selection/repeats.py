@@ -7,8 +7,8 @@ from ..families import find_family
 from ..inference.goodness import combine_p_values
 from ..inference.noise import whitening_matrix
 from ..inference.problem import Solution
-from ..inference.setting_spread import follow_conditions
 from ..inference.stack import Records
+from ..inference.variance_components import follow_conditions
 
 
 PARTS = 24  # splines over a contact: a stick-slip of a tenth of a stroke shows, and each still has a few samples

@@ -3,7 +3,7 @@
 import dataclasses as dc
 
 from ..inference.noise_estimation import NoiseSettings
-from ..inference.setting_spread import SpreadSettings
+from ..inference.variance_components import SpreadSettings
 from ..measurement.faults import ScreeningSettings
 
 
