@@ -20,14 +20,7 @@ from .archive import AbstractFitted, FittedModel, make_fitted, save_model
 from .bounded import NEAR, Bounded, solve_bounded, truncate_normal
 from .files import check_folder, list_versions, make_plain, write_json
 from .goodness import GoodnessOfFit, judge_goodness
-from .identifiability import (
-    Knowledge,
-    Remedy,
-    analyse_fit,
-    analyse_with_refits,
-    describe_knowledge,
-    limit_knowledge,
-)
+from .identifiability import Knowledge, Remedy, analyse_fit, analyse_with_refits, describe_knowledge, limit_knowledge
 from .noise import Noise
 from .parameters import ParameterSpace
 from .problem import Problem, Solution
