@@ -133,5 +133,5 @@ def scale_whitening(weights: np.ndarray, taps: np.ndarray, sizes: np.ndarray) ->
 def whitening_matrix(weights: np.ndarray, taps: np.ndarray) -> sparse.csr_matrix:
     """A whitening filter as a banded matrix, shape (samples, samples), for columns over the samples."""
     lags = range(1, min(TAPS, len(weights) - 1) + 1) if taps.any() else ()
-    bands = [weights, *(-(weights * taps[:, k - 1])[k:] for k in lags)]
-    return sparse.csr_matrix(sparse.diags(bands, [0, *(-k for k in lags)]))
+    offsets: Any = [0, *(-k for k in lags)]
+    return sparse.csr_matrix(sparse.diags([weights, *(-(weights * taps[:, k - 1])[k:] for k in lags)], offsets))

@@ -48,16 +48,17 @@ def _cut(stack: Stack, horizon: np.ndarray) -> Stack:
                       inputs=stack.inputs | {"mesh": jnp.asarray(mesh * (horizon / mesh[:, -1])[:, None])})
 
 
-def solve_progressively(problem: Problem, free: Sequence[str], start: np.ndarray, **options) -> Solution:
+def solve_progressively(problem: Problem, free: Sequence[str], start: np.ndarray, z: np.ndarray | None = None,
+                        **options) -> Solution:
     """Fit as `Problem.solve` does, free-running records over a growing horizon first; options are of the last fit."""
     if not problem.space.family.free_running:
-        return problem.solve(free, start, **options)
+        return problem.solve(free, start, z, **options)
     whole, lengths = problem.records.stack, problem.records.lengths
     times = np.asarray(whole.time)
     speeds = np.sqrt(sum(np.asarray(whole.values)[:, k] ** 2 for k in range(3))).max(axis=1)
     end = times.max(axis=1)
     horizon = np.maximum(FIRST / np.maximum(speeds, 1e-300), times[:, min(FEWEST, lengths.min() - 1)])
-    u, share = np.array(start, dtype=float), None
+    u, share = np.array(start, dtype=float), z
     while np.any(horizon < end):
         part = Problem(problem.space, dc.replace(problem.records, stack=_cut(whole, np.minimum(horizon, end))),
                        problem.priors)
