@@ -202,8 +202,7 @@ def _import_model(name: str, path: Path, attribute: str) -> ResolvedModel:
         made = cast(Callable[[], Any], found)() if isinstance(found, type) else found
     except Exception as error:
         raise InputError(f"{attribute}() cannot be made without arguments ({error}); give its parameters default "
-                         f"values",
-                         file=path) from error
+                         "values", file=path) from error
     own = f"{attribute} of {path.name}"
     if isinstance(made, AbstractLaw):
         return ResolvedModel(name, made.reference, own, tuple(made.effects))
