@@ -38,11 +38,8 @@ class HumSettings:
     most: int = 3  # sines of a channel, at most
 
 
-HUM = HumSettings()
-
-
 def find_hum(campaign: Campaign, records: Records, solution: Solution, noise: Mapping[str, Noise],
-             settings: HumSettings = HUM) -> dict[str, Noise]:
+             settings: HumSettings = HumSettings()) -> dict[str, Noise]:
     """The noise of every channel with the hum that the residuals of a fit show beside what the fit allows for.
 
     The highest peaks of the residuals' mean spectrum are fitted as sines with an amplitude and a phase of every

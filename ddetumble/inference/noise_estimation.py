@@ -16,9 +16,9 @@ from scipy.interpolate import BSpline
 
 from ..families import Span, find_family
 from ..measurement.campaign import Campaign
-from .hum import HUM, HumSettings, find_hum
+from .hum import HumSettings, find_hum
 from .noise import Noise
-from .noise_size import SIZE, Run, Sizes, SizeSettings, look_random, measure_sizes
+from .noise_size import Run, Sizes, SizeSettings, look_random, measure_sizes
 from .problem import Solution
 from .stack import Records, default_noise
 
@@ -59,8 +59,8 @@ class NoiseSettings:
     correlation_change: float = 0.05
     white_change: float = 0.15
     size_change: float = 0.1  # the same of the logarithm of the sizes of single samples, rms over them
-    size: SizeSettings = SIZE  # what makes the size count as varying
-    hum: HumSettings = HUM  # what makes a sine count as hum
+    size: SizeSettings = SizeSettings()  # what makes the size count as varying
+    hum: HumSettings = HumSettings()  # what makes a sine count as hum
     # Measurements of the noise beside one model, at most, each after a fit with the hum that the last one saw
     looks: int = 3
 

@@ -42,9 +42,6 @@ class SizeSettings:
     stray: float = 0.12
 
 
-SIZE = SizeSettings()
-
-
 @dc.dataclass(frozen=True)
 class Run:
     """Neighbouring samples of one record without a gap; arrays have shape (samples,), SI."""
@@ -69,7 +66,7 @@ class Sizes:
     relative: list[np.ndarray]  # size of every sample, in no unit, a list over records of shape (samples,)
 
 
-def measure_sizes(runs: Sequence[Run], lengths: Sequence[int], settings: SizeSettings = SIZE) -> Sizes | None:
+def measure_sizes(runs: Sequence[Run], lengths: Sequence[int], settings: SizeSettings = SizeSettings()) -> Sizes | None:
     """How the size of the noise varies over the samples of a channel; None where it does not, beyond chance.
 
     `runs` are those of all records, `lengths` how many samples each record has.
@@ -110,7 +107,7 @@ def measure_sizes(runs: Sequence[Run], lengths: Sequence[int], settings: SizeSet
     return Sizes(floor, share, rate_share, factors, along is not None, relative)
 
 
-def look_random(runs: Sequence[Run], settings: SizeSettings = SIZE) -> bool:
+def look_random(runs: Sequence[Run], settings: SizeSettings = SizeSettings()) -> bool:
     r"""Whether second differences of the residuals are correlated as those of noise are, white or autoregressive.
 
     Over one sample and two, white noise gives $r_1 = -2/3$ and $r_2 = 1/6$, a random walk -1/2 and 0, and all between

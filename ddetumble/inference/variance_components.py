@@ -36,9 +36,6 @@ class SpreadSettings:
     random: float = 0.01
 
 
-SPREAD = SpreadSettings()
-
-
 def list_settings(records: Records) -> list[int]:
     """Places among the nuisances of the settings that state an uncertainty."""
     deviations = np.asarray(records.stack.condition_sd)[: records.count]
@@ -47,7 +44,7 @@ def list_settings(records: Records) -> list[int]:
 
 
 def estimate_spread(records: Records, solution: Solution, known: Mapping[str, float] | None = None,
-                    settings: SpreadSettings = SPREAD) -> dict[str, float]:
+                    settings: SpreadSettings = SpreadSettings()) -> dict[str, float]:
     r"""Ratio of the scatter of every setting to what is stated, by name, where it is larger beyond doubt.
 
     The restricted likelihood of the linearised fit: residuals $\rho_r = S_r \theta + J_r z_r + e$ with unit noise $e$,
