@@ -28,13 +28,13 @@ class Assembly:
     """Everything that a model of a campaign may hold."""
 
     space: ParameterSpace  # of all parameters
-    # catalogue, directions: effects and test directions that the campaign's model may have
+    # catalogue, directions: effects and test directions that the campaign's model may have.
     catalogue: tuple[type[AbstractEffect], ...]
     directions: tuple[type[AbstractEffect], ...]
     left_out: tuple[str, ...]  # ids of effects that need what model or campaign lack
     start: np.ndarray  # coordinates, known parameters put in, effects at their null, shape (parameters,)
     base: tuple[str, ...]  # free parameters of the reference model
-    # Sentences on what is assumed, and on records outside the range in which the reference model holds
+    # Sentences on what is assumed, and on records outside the range in which the reference model holds.
     warnings: tuple[str, ...] = ()
 
 

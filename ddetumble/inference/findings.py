@@ -38,10 +38,10 @@ INSIDE = ("source", "problem", "bounded", "gaussians")  # what of a fit is not w
 class Fitted:
     """One fitted parameter, in its public unit."""
 
-    # estimate, sd: value and one standard deviation; infinite where the data determine nothing
+    # estimate, sd: value and one standard deviation; infinite where the data determine nothing.
     estimate: float
     sd: float
-    # q025, q975: 95 % interval, from the coordinate in which the fit moves
+    # q025, q975: 95 % interval, from the coordinate in which the fit moves.
     q025: float
     q975: float
     unit: str

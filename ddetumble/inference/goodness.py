@@ -17,10 +17,10 @@ FAR = 1.5
 class GoodnessOfFit:
     """What a fit leaves beyond noise and stated settings."""
 
-    # chi2_reduced, p_value: chi-square per degree of freedom, and the chance that noise as taken leaves so much
+    # chi2_reduced, p_value: chi-square per degree of freedom, and the chance that noise as taken leaves so much.
     chi2_reduced: float
     p_value: float
-    # setting, record, shift: what was moved furthest, and how far in its stated deviations; '' where none may move
+    # setting, record, shift: what was moved furthest, and how far in its stated deviations; '' where none may move.
     setting: str
     record: str
     shift: float

@@ -46,7 +46,7 @@ class Blend:
 
     names: tuple[str, ...]  # of its members, the largest part first
     # direction, step: change of every free coordinate along it, in units of unit-norm columns and for one standard
-    # deviation, shape (free,)
+    # deviation, shape (free,).
     direction: np.ndarray
     step: np.ndarray
     singular: bool  # whether it changes the records not at all
@@ -58,7 +58,7 @@ class Remedy:
 
     names: tuple[str, ...]
     setting: str  # condition at which as many records again would be measured, or `depression`, the channel to add
-    # Of the condition, SI: half of the records at each of two, or all at one; of the channel its deviation
+    # Of the condition, SI: half of the records at each of two, or all at one; of the channel its deviation.
     values: tuple[float, ...]
     gain: float  # standard deviation along the combination, now over then
 
@@ -67,10 +67,10 @@ class Remedy:
 class Knowledge:
     """What a fit knows about its free parameters."""
 
-    # covariance, correlations: of the free coordinates; large and finite along combinations that nothing fixes
+    # covariance, correlations: of the free coordinates; large and finite along combinations that nothing fixes.
     covariance: np.ndarray
     correlations: np.ndarray
-    # undetermined, silent: parameters about which nothing is known; those among them that change no record
+    # undetermined, silent: parameters about which nothing is known; those among them that change no record.
     undetermined: tuple[str, ...]
     silent: tuple[str, ...]
     blends: tuple[Blend, ...]  # combinations that the data hardly fix, worst first

@@ -24,11 +24,11 @@ FAINT, DEAD = 1.0, 1e-6  # sum of squares by a typical change of a parameter, at
 class NormalEquations(eqx.Module):
     r"""Normal equations of $\sum_g \|T_g\theta + Z_g z_g + r_g\|^2 + \|P\theta + c\|^2$."""
 
-    # corner, side: $Z_g^T Z_g$ and $Z_g^T T_g$, shapes (records, own, own) and (records, own, shared)
+    # corner, side: $Z_g^T Z_g$ and $Z_g^T T_g$, shapes (records, own, own) and (records, own, shared).
     corner: Array
     side: Array
     square: Array  # $\sum_g T_g^T T_g + P^T P$, shape (shared, shared)
-    # own, shared: gradients $Z_g^T r_g$ and $\sum_g T_g^T r_g + P^T c$, shapes (records, own) and (shared,)
+    # own, shared: gradients $Z_g^T r_g$ and $\sum_g T_g^T r_g + P^T c$, shapes (records, own) and (shared,).
     own: Array
     shared: Array
 

@@ -40,7 +40,7 @@ class ResolvedModel:
     name: str  # as given
     reference: AbstractModel  # template of the reference model; its values are the defaults
     text: str  # which equations it is, one sentence
-    # Instances that extend it from the start, of a fitted model or for a law of the user's own
+    # Instances that extend it from the start, of a fitted model or for a law of the user's own.
     effects: tuple[AbstractEffect, ...] = ()
     fitted: bool = False  # whether its values are those of a fit
 

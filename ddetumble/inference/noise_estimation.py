@@ -41,27 +41,27 @@ class NoiseSettings:
 
     fewest: int = 24  # samples without a gap that tell something about the noise
     stated: float = 0.01  # relative standard deviation of a size that a campaign states: near enough certain
-    # The same of one that varies, over the logarithm of its range: the stated size lies somewhere within
+    # The same of one that varies, over the logarithm of its range: the stated size lies somewhere within.
     between: float = 0.5
-    # Correlation times over the period of the lowest frequency used: what is slower is a drift, no noise
+    # Correlation times over the period of the lowest frequency used: what is slower is a drift, no noise.
     slowest: float = 3.0
     # Logarithm of the likelihood that a further parameter of the noise has to bring (Akaike asks for 1; the spectrum is
-    # looked at in many places)
+    # looked at in many places).
     worth: float = 4.0
     quiet: int = 30  # samples before contact from which on they may contradict the stated size
     doubt: float = 0.15  # logarithm of the ratio of their size to the stated one that does
     doubt_errors: float = 10.0  # the same in its standard errors, which is asked beside
-    # Relative difference from the stated size from which on a model is fitted again under the measured one
+    # Relative difference from the stated size from which on a model is fitted again under the measured one.
     differs: float = 0.1
     # level_change, correlation_change, white_change: changes of the logarithm of the size, of the correlation and of
-    # the share that is white, under a better model, from which on all steps are fitted again
+    # the share that is white, under a better model, from which on all steps are fitted again.
     level_change: float = 0.03
     correlation_change: float = 0.05
     white_change: float = 0.15
     size_change: float = 0.1  # the same of the logarithm of the sizes of single samples, rms over them
     size: SizeSettings = SizeSettings()  # what makes the size count as varying
     hum: HumSettings = HumSettings()  # what makes a sine count as hum
-    # Measurements of the noise beside one model, at most, each after a fit with the hum that the last one saw
+    # Measurements of the noise beside one model, at most, each after a fit with the hum that the last one saw.
     looks: int = 3
 
 

@@ -28,17 +28,17 @@ class SizeSettings:
 
     records: int = 8  # with fewer the size is the stated one: what repeats over them is not told from noise
     fewest: int = 60  # differences that tell something about a size
-    # p-value of a size that is the same throughout, below which it is not: a false alarm costs a little certainty
+    # p-value of a size that is the same throughout, below which it is not: a false alarm costs a little certainty.
     p_value: float = 1e-3
-    # Ratio of the largest size (of one sample in twenty) to the smallest, below which it does not matter
+    # Ratio of the largest size (of one sample in twenty) to the smallest, below which it does not matter.
     material: float = 1.2
     window: int = 40  # samples of the shortest part of a trace with a size of its own
     windows: int = 12  # such parts of a trace, at most
     # Share of readings equal to the one before, from which on the steps of the gauge are the noise, whose size this
-    # cannot tell
+    # cannot tell.
     repeated: float = 0.1
     # Of the correlations of second differences from those of noise, up to which they count as noise: a smooth part of a
-    # twentieth of their power moves the sum of both by as much
+    # twentieth of their power moves the sum of both by as much.
     stray: float = 0.12
 
 
@@ -57,7 +57,7 @@ class Sizes:
     """How the size of the noise varies."""
 
     # floor, share, rate_share: standard deviation without a reading [SI], as a share of the reading, and of its change
-    # over one sampling interval; up to a common factor, as only differences are looked at
+    # over one sampling interval; up to a common factor, as only differences are looked at.
     floor: float
     share: float
     rate_share: float

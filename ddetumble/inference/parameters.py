@@ -30,9 +30,9 @@ class Common:
     """An error that all records of a campaign share: one nuisance of the campaign."""
 
     # What it shifts: a condition, a channel (its zero, or where relative its gain), or `time` for the independent
-    # variable, whatever its name
+    # variable, whatever its name.
     column: str
-    # sd, relative, unit: its standard deviation, SI or where relative a fraction of the value; SI unit of the column
+    # sd, relative, unit: its standard deviation, SI or where relative a fraction of the value; SI unit of the column.
     sd: float
     relative: bool
     unit: str

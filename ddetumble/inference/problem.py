@@ -211,15 +211,15 @@ class Solution:
     own: np.ndarray  # by the nuisances in units of their deviations, shape (records, rows, nuisances)
     channels: np.ndarray  # model, shape (records, channels, samples), SI
     # state, state_rate: what a misfit is located in, shape (records, samples): depression and its rate [m, m/s] of
-    # impacts, slip since the stroke began and its signed speed of slip records
+    # impacts, slip since the stroke began and its signed speed of slip records.
     state: np.ndarray
     state_rate: np.ndarray
     end: np.ndarray  # of the contact, or of the record, in the independent variable, shape (records,)
-    # prior_residual, prior_weight: prior rows of the free parameters
+    # prior_residual, prior_weight: prior rows of the free parameters.
     prior_residual: np.ndarray
     prior_weight: np.ndarray
     chi2: float  # sum of squares of all rows
-    # converged, steps, failed: state of the optimiser; keys of failed records
+    # converged, steps, failed: state of the optimiser; keys of failed records.
     converged: bool
     steps: int
     failed: tuple[str, ...]

@@ -32,10 +32,10 @@ class Sampler(Strict):
     """How `ddetumble sample` draws from the posterior; a fit checks it and leaves it alone."""
 
     name: Literal["emcee", "nuts"] = "emcee"
-    # Of each ensemble, even; 0 for as many as the number of parameters asks for
+    # Of each ensemble, even; 0 for as many as the number of parameters asks for.
     walkers: Annotated[StrictInt, Field(ge=0)] = 0
     ensembles: Annotated[StrictInt, Field(ge=1)] = 4  # independent ones; chains of NUTS
-    # steps, burn: after the burn-in at most, and first ones, left out
+    # steps, burn: after the burn-in at most, and first ones, left out.
     steps: Annotated[StrictInt, Field(ge=1)] = 5000
     burn: Annotated[StrictInt, Field(ge=0)] = 100
     effective: Annotated[StrictInt, Field(ge=1)] = 2000  # independent draws wanted of every parameter
@@ -45,10 +45,10 @@ class Specification(Strict):
     """Content of `fit.toml`; all numbers are in the units that `ddetumble effects` shows (SI)."""
 
     schema_: Literal["ddetumble.fit/1"] = Field(alias="schema")
-    # Folder from the file's own folder on, or the name of a campaign that comes with the toolkit
+    # Folder from the file's own folder on, or the name of a campaign that comes with the toolkit.
     campaign: Annotated[StrictStr, Field(min_length=1)]
     title: StrictStr = ""
-    # Reference model; `FILE.py:NAME` from the file's own folder on
+    # Reference model; `FILE.py:NAME` from the file's own folder on.
     model: Annotated[StrictStr, Field(min_length=1)] = "paper"
     effects: list[StrictStr] = []  # ids of the catalogue, or `FILE.py:NAME`
     free: dict[str, Number | Literal[True]] = {}  # further parameters to fit, each with its start (or `true`)
@@ -57,7 +57,7 @@ class Specification(Strict):
     bounds: dict[str, tuple[Number, Number]] = {}  # low and high of free parameters
     nuisances: StrictBool = True  # whether each record's conditions and time origin move within their uncertainty
     noise: Literal["measured", "stated"] = "measured"  # `measured` (correlation from the residuals) or `stated` (white)
-    # sampler, seed: for `ddetumble sample`
+    # sampler, seed: for `ddetumble sample`.
     sampler: Sampler = Sampler()
     seed: Annotated[StrictInt, Field(ge=0)] = 0
 

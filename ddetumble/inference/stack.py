@@ -36,7 +36,7 @@ class Stack(eqx.Module):
     time: Array  # shape (records, samples) [s]
     span: Array  # longest time to integrate, shape (records,) [s]
     values: Array  # measured, shape (records, channels, samples), SI
-    # weights, taps: whitening filter, shapes (records, channels, samples) and (records, channels, samples, TAPS)
+    # weights, taps: whitening filter, shapes (records, channels, samples) and (records, channels, samples, TAPS).
     weights: Array
     taps: Array
     conditions: dict[str, Array]  # by name, each shape (records,), SI, as measured
@@ -45,7 +45,7 @@ class Stack(eqx.Module):
     # Further arrays that the model reads, by name: path and direction of slip records that are time series, shape
     # (records, samples); `mesh` of tumbling records, shape (records, steps + 1) [s]; `common`, by how much a column
     # moves per unit of an error that all records share, shape (records, commons); `hum`, angular frequencies over the
-    # independent variable, shape (records, hums)
+    # independent variable, shape (records, hums).
     inputs: dict[str, Array] = eqx.field(default_factory=dict)
     rtol: Array = eqx.field(default_factory=lambda: jnp.asarray(RTOL))  # tolerance of the integrator, shape ()
 
@@ -54,14 +54,14 @@ class Stack(eqx.Module):
 class Records:
     """A stack with the names that belong to it."""
 
-    # keys, channels: of the records, and what is measured
+    # keys, channels: of the records, and what is measured.
     keys: tuple[str, ...]
     channels: tuple[str, ...]
-    # What tumbling records start from, conditions with a stated uncertainty, `time`, zeros that move, hum
+    # What tumbling records start from, conditions with a stated uncertainty, `time`, zeros that move, hum.
     nuisances: tuple[str, ...]
     lengths: np.ndarray  # samples of each record
     complete: np.ndarray  # whether no sample is missing, shape (records, channels)
-    # stack, family: the arrays, and the kind of test
+    # stack, family: the arrays, and the kind of test.
     stack: Stack
     family: str
     strokes: tuple[np.ndarray, ...] = ()  # number of the stroke of every sample, by record; empty for impacts

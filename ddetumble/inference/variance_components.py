@@ -25,14 +25,14 @@ RANGE = (0.05, 50.0)  # size over that of the noise: less does not matter, more 
 class SpreadSettings:
     """When settings count as scattering more than stated."""
 
-    # Standard deviation of the logarithm of the ratio to what is stated: a factor of three is no surprise
+    # Standard deviation of the logarithm of the ratio to what is stated: a factor of three is no surprise.
     prior: float = 1.0
     worth: float = 6.0  # logarithm of the likelihood that a larger scatter has to bring
     least: float = 1.3  # ratio below which nothing hangs on it
     most: float = 12.0  # ratio beyond which the setting would not be known at all
     fewest: int = 6  # records with which a scatter can be estimated
     # Of shifts that follow the conditions, below which they are no scatter: physics acts alike at like conditions,
-    # errors do not; a p-value
+    # errors do not; a p-value.
     random: float = 0.01
 
 

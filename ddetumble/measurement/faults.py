@@ -51,7 +51,7 @@ class Fault:
     """One fault in the data, described in words."""
 
     # `clipped`, `held`, `spike`, `missing`, `uneven`, `truncated`, `copied`, `unit`, `setting`, `clock`, `zero`,
-    # `gain`, `outlier` or `doubtful`
+    # `gain`, `outlier` or `doubtful`.
     kind: str
     records: tuple[str, ...]  # keys of the records that have it
     channel: str  # or condition that has it; empty where it is the record as a whole
@@ -69,20 +69,20 @@ class ScreeningSettings:
     """When samples count as faulty, before any model is fitted."""
 
     # Expected number, by chance, of runs of equal readings that are called clipped or held: one campaign in ten
-    # thousand loses good samples
+    # thousand loses good samples.
     chance: float = 1e-4
     near: float = 3.0  # standard deviations below a limit within which a reading may have been cut by it
-    # Standard deviations off its neighbours from which a reading is a spike: of a million Gaussian readings none is
+    # Standard deviations off its neighbours from which a reading is a spike: of a million Gaussian readings none is.
     spike: float = 7.0
     smooth: float = 1.8  # standard deviations of the other samples from a cubic, up to which they lie on it
     common: float = 3.0  # samples around a spike within which one of another record is at the same time
-    # Expected number of spikes of others there, by chance, below which a common spike is the experiment's
+    # Expected number of spikes of others there, by chance, below which a common spike is the experiment's.
     recurs: float = 0.01
     many: float = 0.05  # share of the readings of a record beyond which spikes are no accidents
     uneven: float = 0.02  # share by which intervals of sampling may differ
     often: float = 0.02  # share of the intervals that may differ by more
     # Share of readings that differ from the one before, which a record needs to be held against others: one that stands
-    # still is equal to any
+    # still is equal to any.
     copied: float = 0.9
     last: int = 5  # readings at the end of a record whose mean tells whether it ends in contact
     pressed: float = 0.05  # share of the peak above which that mean is a contact's: drift or lag of a gauge makes less

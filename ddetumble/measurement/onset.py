@@ -30,21 +30,21 @@ class OnsetSettings:
     """What decides how a force is taken to begin, and how well its onset is known."""
 
     # Fractions of the force at half of the peak that a linear spring may carry; a wall that carries half of it is no
-    # inflated ball's
+    # inflated ball's.
     slopes: tuple[float, ...] = (0.025, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 1.0)
     slope_sd: float = 0.15  # of a half-normal prior of that fraction, beside as much weight on 0
-    # By which that fraction differs between the records of a campaign (0.2 over pressures and speeds)
+    # By which that fraction differs between the records of a campaign (0.2 over pressures and speeds).
     slope_spread: float = 0.25
     sloped: float = 9.0  # fall of chi-square from which a force begins with a slope: three standard deviations
-    # The same of a jump or a gauge that rings, which have more to choose from: four standard deviations
+    # The same of a jump or a gauge that rings, which have more to choose from: four standard deviations.
     decisive: float = 16.0
-    # Where these are as likely as not: seldom to begin with (a tenth), and one of some ten told apart
+    # Where these are as likely as not: seldom to begin with (a tenth), and one of some ten told apart.
     even: float = 9.0
     own_step: float = 4.0  # fall of chi-square a trace that chance lets a jump of its own reach, found by a scan
-    # Fall of chi-square below which a frequency is not looked for more closely: chance does as much
+    # Fall of chi-square below which a frequency is not looked for more closely: chance does as much.
     promising: float = 6.0
     few: int = 8  # traces with the least noise, on which the frequency of a gauge is looked for
-    # Sampling intervals by which an anti-aliasing filter delays: a Butterworth of order 8 at 0.4 of the rate
+    # Sampling intervals by which an anti-aliasing filter delays: a Butterworth of order 8 at 0.4 of the rate.
     delay: float = 2.0
 
 
@@ -55,7 +55,7 @@ class Onsets:
     time: np.ndarray  # time of first touch of every trace on its own axis, shape (traces,) [s]
     sd: np.ndarray  # its standard error, of that trace alone [s]
     # Standard error that all onsets share [s]: of the shape of the rise, which is one for the campaign, and of the
-    # delay of the measuring chain, which no trace shows
+    # delay of the measuring chain, which no trace shows.
     common_sd: float
     start: str  # `curved` as in the reference model, `sloped` or `stepped`
     ringing: tuple[float, float] | None  # natural frequency [Hz] and damping ratio of a gauge that rings, or None

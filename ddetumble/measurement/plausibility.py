@@ -56,13 +56,13 @@ class Implausibility:
 
     variable: str  # column, known number or measured size that is out of the ordinary
     value: float  # its median over the records [SI]
-    # low, high: what is expected of it [SI]
+    # low, high: what is expected of it [SI].
     low: float
     high: float
     unit: str  # SI unit of these, "1" for a ratio
     # Wrong units each of which alone would explain all that is out of the ordinary: the column, the unit that its
     # values would be in, and the one that was stated. Columns come in the order in which they are likely to be wrong,
-    # and each one's units by how well they agree; none where no single one explains all
+    # and each one's units by how well they agree; none where no single one explains all.
     mistakes: tuple[tuple[str, str, str], ...]
     sentence: str  # the question, in words
 

@@ -13,7 +13,7 @@ class Channel:
     values: np.ndarray | list[str]  # numbers, shape (samples,), or texts
     unit: str | None = None  # as the file states it, or None
     group: str = ""  # the sheet, group, structure or topic that holds it; "" where the file has none
-    # Time of each sample [s], shape (samples,), or None where the file holds time as a channel
+    # Time of each sample [s], shape (samples,), or None where the file holds time as a channel.
     clock: np.ndarray | None = None
     problem: str = ""  # why the channel cannot be used; "" where it can
 
