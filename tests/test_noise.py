@@ -12,11 +12,13 @@ from ddetumble.inference import noise_estimation
 from ddetumble.inference.noise import TAPS, Noise, scale_whitening, whitening, whitening_matrix
 from ddetumble.inference.noise_estimation import (
     BELOW,
+    Deviation,
     changed,
     differs_from_stated,
     estimate_from_pairs,
     estimate_noise,
     has_more_hum,
+    measure_deviation,
     spline_columns,
 )
 from ddetumble.inference.noise_size import Sizes
@@ -106,7 +108,7 @@ def test_filter_is_the_factor_of_the_covariance(uneven):
     np.testing.assert_allclose(matrix, np.linalg.inv(factor), atol=1e-8)
 
 
-def test_spectrum_and_stray_are_those_of_the_autocovariance():
+def test_spectrum_and_deviation_are_those_of_the_autocovariance():
     noise, lag = make_noise(1.0, 0.7, 0.25, 1.0), np.arange(-400, 401)
     for f in (0.01, 0.2, 0.45):
         power = np.sum(noise.covariance(lag) * np.cos(2 * np.pi * f * lag))
@@ -114,7 +116,49 @@ def test_spectrum_and_stray_are_those_of_the_autocovariance():
         assert noise_estimation._spectrum(f / 0.1, 0.1, 0.7, 0.25) == pytest.approx(power)
     covariance = noise.covariance(np.arange(12)[:, None] - np.arange(12)[None, :])
     about = np.trace(covariance @ (np.eye(12) - 1.0 / 12.0)) / 11.0
-    assert noise_estimation._stray(0.7, 0.25, 12) == pytest.approx(about)
+    same = Deviation(np.sqrt(about), 500, 12)
+    assert same.lose(1.0, 0.7, 0.25) == pytest.approx(0.0, abs=1e-12)
+    less = same.lose(1.2, 0.7, 0.25, beyond=True)
+    assert less == same.lose(1.2, 0.7, 0.25) > 0.5  # noise of that size would stray further
+    assert same.lose(0.8, 0.7, 0.25, beyond=True) == 0.0 < same.lose(0.8, 0.7, 0.25)
+
+
+@pytest.mark.parametrize(("rho", "white"), [(0.0, 0.0), (0.8, 0.0), (0.9, 0.5)])
+def test_loss_of_a_deviation_is_chi_square(rho, white):
+    """Under the noise that made the samples, twice the loss is a chi-square of one degree of freedom."""
+    twice = []
+    for seed in range(200):
+        generator = np.random.default_rng([17, seed])
+        found = measure_deviation([draw_noise(generator, 200, 2.0, rho, white) for _ in range(12)])
+        twice.append(2.0 * float(found.lose(2.0, rho, white)))
+    assert 0.75 < np.mean(twice) < 1.35 and np.mean(np.array(twice) > 3.84) < 0.11
+
+
+@pytest.mark.parametrize(("rho", "white"), [(0.0, 0.0), (0.6, 0.0), (0.8, 0.4)])
+@pytest.mark.parametrize("factor", [0.2, 0.5, 2.0, 5.0])
+def test_a_wrong_statement_is_given_up(rho, white, factor):
+    """Noise several times as loud or as quiet as stated is found as if nothing were stated."""
+    generator = np.random.default_rng(23)
+    traces = [draw_noise(generator, 300, 2.0, rho, white) for _ in range(16)]
+    found = estimate_noise(traces, 1.0, 0.05, 2.0 * factor, whole=measure_deviation(traces))
+    assert abs(np.log(found.sd / 2.0)) < 0.12
+    assert abs(find_level(found.sd, found.correlation, found.white_share, 0.05)
+               - find_level(2.0, rho, white, 0.05)) < max(3.0 * found.log_level_sd, 0.1)
+
+
+@pytest.mark.parametrize(("rho", "white"), [(0.0, 0.0), (0.6, 0.0), (0.9, 0.4)])
+@pytest.mark.parametrize("misfit", [0.0, 6.0])
+def test_a_right_statement_stands(rho, white, misfit):
+    """Whatever slow misfit the residuals hold, and though a fit has taken some of what is slow in the noise."""
+    time = np.linspace(-1.0, 1.0, 300)
+    slow = np.polynomial.polynomial.polyvander(time, 3)
+    for seed in range(5):
+        generator = np.random.default_rng([29, seed])
+        noise = [draw_noise(generator, 300, 2.0, rho, white) for _ in range(16)]
+        left = [x - slow[:, :3] @ np.linalg.lstsq(slow[:, :3], x, rcond=None)[0] for x in noise]
+        whole = measure_deviation([x + misfit * np.cos(np.pi * time) for x in left])
+        fast = [x - slow @ np.linalg.lstsq(slow, x, rcond=None)[0] for x in noise]
+        assert estimate_noise(fast, 1.0, 0.05, 2.0, whole=whole) == estimate_noise(fast, 1.0, 0.05, 2.0)
 
 
 @pytest.mark.parametrize("expected", [None, 1.3])
@@ -224,17 +268,18 @@ def test_samples_before_first_touch(campaigns):
     values = np.asarray(selection.records.stack.values)[:, 0]
     before = values[:, TIME < -1e-4]
     count = before.shape[1]
-    found = noise_estimation._quiet_deviation(selection.records, 0)
+    found = noise_estimation._measure_quiet(selection.records, 0)
     expected = np.sqrt(np.sum(np.var(before, axis=1, ddof=1)) / 8.0)
-    assert found == (pytest.approx(expected), 8 * (count - 1), count)
+    assert dc.astuple(found) == (pytest.approx(expected), 8 * (count - 1), count)
     some = np.ones((8, 1), bool)
     some[2:] = False
-    part = noise_estimation._quiet_deviation(dc.replace(selection.records, complete=some), 0)
-    assert part == (pytest.approx(np.sqrt(np.mean(np.var(before[:2], axis=1, ddof=1)))), 2 * (count - 1), count)
+    part = noise_estimation._measure_quiet(dc.replace(selection.records, complete=some), 0)
+    assert dc.astuple(part) == (pytest.approx(np.sqrt(np.mean(np.var(before[:2], axis=1, ddof=1)))),
+                                2 * (count - 1), count)
     for number, told in ((4, True), (3, False)):
         late = dc.replace(selection.records.stack, time=np.tile(TIME - TIME[number] + 1e-6, (8, 1)))
-        few = noise_estimation._quiet_deviation(dc.replace(selection.records, stack=late), 0)
-        assert (few is not None) == told and (few is None or few[1:] == (8 * (number - 1), number))
+        few = noise_estimation._measure_quiet(dc.replace(selection.records, stack=late), 0)
+        assert (few is not None) == told and (few is None or (few.count, few.length) == (8 * (number - 1), number))
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.6])
@@ -336,7 +381,7 @@ def test_traces_of_one_sampling_interval(monkeypatch, campaigns):
     time = np.array(stack.time)
     time[:3] *= 2.0
     records = dc.replace(selection.records, stack=dc.replace(stack, time=time))
-    kind, traces, interval, lowest, stated, quiet, _ = listen_to(monkeypatch, selection, fitted, records)
+    kind, traces, interval, lowest, stated, quiet, *_ = listen_to(monkeypatch, selection, fitted, records)
     assert kind == "whole" and len(traces) == 5 and interval == pytest.approx(TIME[1] - TIME[0])
     spans = [noise_estimation.list_spans(records, r, 1.0)[0] for r in range(8)]
     assert lowest == pytest.approx(10.0 / np.median([span.high - span.low for span in spans]))
@@ -350,7 +395,7 @@ def test_frequencies_of_records_that_run_on(monkeypatch, campaigns):
     time = np.array(stack.time)
     time[5:] *= 0.5  # twice the splines a second
     records = dc.replace(selection.records, family="tumble", stack=dc.replace(stack, time=time))
-    kind, traces, interval, lowest, _, quiet, _ = listen_to(monkeypatch, selection, fitted, records)
+    kind, traces, interval, lowest, _, quiet, *_ = listen_to(monkeypatch, selection, fitted, records)
     (span,) = noise_estimation.list_spans(records, 0, 1.0)
     assert kind == "whole" and len(traces) == 5 and interval == pytest.approx(TIME[1] - TIME[0]) and quiet is None
     number = min(span.splines, len(TIME) // 4)

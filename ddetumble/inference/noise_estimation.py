@@ -51,6 +51,9 @@ class NoiseSettings:
     quiet: int = 30  # samples before contact from which on they may contradict the stated size
     doubt: float = 0.15  # logarithm of the ratio of their size to the stated one that does
     doubt_errors: float = 10.0  # the same in its standard errors, which is asked beside
+    # Logarithm of the likelihood by which residuals must contradict a stated size before it is given up: what the fit
+    # took of slow noise makes up to 7 of it.
+    refuted: float = 12.0
     # Relative difference from the stated size from which on a model is fitted again under the measured one.
     differs: float = 0.1
     # level_change, correlation_change, white_change: changes of the logarithm of the size, of the correlation and of
@@ -104,7 +107,7 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution, sett
     values, time, weights = (np.asarray(x) for x in (stack.values, stack.time, stack.weights))
     spans = [list_spans(records, r, float(solution.end[r])) for r in range(records.count)]
     for c, channel in enumerate(records.channels):
-        parts, medians, even = [], [], []
+        parts, medians, even, whole = [], [], [], []
         for r, n in enumerate(records.lengths):
             # Where a slip record turns round its force is not known: its strokes are traces of their own, and so are
             # the parts of a tumbling record between its gaps.
@@ -113,6 +116,7 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution, sett
                 continue
             t, trace = time[r, :n], (values[r, c] - solution.channels[r, c])[:n]
             smooth, difference = spline_columns(t, spans[r]), np.diff(t)
+            whole.append((r, np.flatnonzero(used), trace[used]))
             # What is smooth over a contact may be missing physics: it tells nothing about the noise.
             trace = trace - smooth @ _fit_splines(smooth[used], trace[used])
             medians.append(float(np.median(difference)))
@@ -162,7 +166,9 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution, sett
                                      / (spans[r][0].high - spans[r][0].low) for r in same))
         found[channel] = finish(estimate_noise(
             [t for t, s in zip(traces, steps, strict=True) if abs(s / interval - 1) < 2e-3], interval, lowest, expected,
-            None if sizes is not None else _quiet_deviation(records, c), own))
+            None if sizes is not None else _measure_quiet(records, c),
+            measure_deviation([x if sizes is None else x / sizes.relative[r][used] for r, used, x in whole])
+            if look_random(parts, settings.size) else None, own))
     found = {channel: level.with_slow_parts(before[channel]) if before else level for channel, level in found.items()}
     return find_hum(campaign, records, solution, found, settings.hum)
 
@@ -208,17 +214,44 @@ def _fit_splines(columns: sparse.csr_matrix, values: np.ndarray) -> np.ndarray:
     return np.linalg.solve(square, columns.T @ values)
 
 
-def _quiet_deviation(records: Records, channel: int) -> tuple[float, int, int] | None:
-    """Standard deviation of samples before first touch about their record's mean; how many they are, and of one."""
+@dc.dataclass(frozen=True)
+class Deviation:
+    """How far samples stray about the mean of their stretch."""
+
+    sd: float  # standard deviation, SI
+    count: int  # samples, less one a stretch
+    length: int  # of a stretch
+
+    def lose(self, sd: Any, correlation: Any, white_share: Any, beyond: bool = False) -> Any:
+        """Negative log-likelihood of this scatter less its least, under noise of that kind (numbers or arrays).
+
+        With `beyond` only of noise that strays further.
+        """
+        n, rho = self.length, correlation
+        # Covariances of n neighbours, summed: what their mean takes of the variance.
+        shared = rho * (n * (1.0 - rho) - (1.0 - rho**n)) / (1.0 - rho) ** 2
+        variance = sd**2 * (1.0 - 2.0 * (1.0 - white_share) * shared / (n * (n - 1.0)))
+        free = self.count / (1.0 + 2.0 * ((1.0 - white_share) * rho) ** 2 / (1.0 - rho**2))
+        ratio = self.sd**2 / variance
+        return np.where(beyond & (ratio > 1.0), 0.0, 0.5 * free * (ratio - 1.0 - np.log(ratio)))
+
+
+def measure_deviation(stretches: list[np.ndarray]) -> Deviation | None:
+    """Scatter of samples about the mean of their stretch; None without samples that differ."""
+    long = [x for x in stretches if len(x) > 3]
+    squares, count = sum(float(np.sum((x - x.mean()) ** 2)) for x in long), sum(len(x) - 1 for x in long)
+    if not squares:
+        return None
+    return Deviation(float(np.sqrt(squares / count)), count, int(np.median([len(x) for x in long])))
+
+
+def _measure_quiet(records: Records, channel: int) -> Deviation | None:
+    """Scatter of the samples before first touch."""
     if not find_family(records.family).has_contact:
         return None
     values, time = np.asarray(records.stack.values), np.asarray(records.stack.time)
-    quiet = [values[r, channel, :n][time[r, :n] < -1e-4] for r, n in enumerate(records.lengths)
-             if records.complete[r, channel]]
-    quiet = [before for before in quiet if len(before) > 3]
-    squares = sum(float(np.sum((before - before.mean()) ** 2)) for before in quiet)
-    count = sum(len(before) - 1 for before in quiet)
-    return (float(np.sqrt(squares / count)), count, int(np.median([len(x) for x in quiet]))) if squares > 0 else None
+    return measure_deviation([values[r, channel, :n][time[r, :n] < -1e-4] for r, n in enumerate(records.lengths)
+                     if records.complete[r, channel]])
 
 
 def changed(before: Mapping[str, Noise], after: dict[str, Noise], settings: NoiseSettings = NOISE) -> bool:
@@ -253,7 +286,8 @@ def _spectrum(frequency: np.ndarray, interval: float, correlation: float | np.nd
 
 
 def estimate_noise(traces: list[np.ndarray], interval: float, lowest: float, stated_sd: float | None,
-                   quiet_sd: tuple[float, int, int] | None = None, settings: NoiseSettings = NOISE) -> Noise:
+                   quiet: Deviation | None = None, whole: Deviation | None = None, settings: NoiseSettings = NOISE
+                   ) -> Noise:
     """Whittle likelihood of the residuals' spectrum above the frequencies of the contact.
 
     Args:
@@ -261,9 +295,11 @@ def estimate_noise(traces: list[np.ndarray], interval: float, lowest: float, sta
         interval: sampling interval [s].
         lowest: lowest frequency that is used [Hz].
         stated_sd: standard deviation that the campaign states, or None.
-        quiet_sd: standard deviation of samples without contact about the mean of each stretch, how many they are, and
-            how long a stretch is; it replaces what is stated where the two disagree beyond doubt, unless noise of the
-            stated size would stray as little over so short a while.
+        quiet: of samples without contact; it replaces what is stated where the two disagree beyond doubt, unless noise
+            of the stated size would stray as little over so short a while.
+        whole: of the residuals with all that is slow in them. Missing physics adds to it, so noise that would stray
+            further is none; where such noise alone agrees with the stated size, that is given up. None where the
+            residuals are not those of noise from sample to sample.
         settings: thresholds.
     """
     power, frequency = [], []
@@ -282,42 +318,40 @@ def estimate_noise(traces: list[np.ndarray], interval: float, lowest: float, sta
     frequencies, counts, means = _gather(frequency, power)
     weight = 0.5  # a Hann window makes neighbouring ordinates correlated: about half of them are independent
 
-    def choose(expected):
+    def choose(expected, most=None):
         return _weigh_kinds(
             lambda rho, white: _spectrum(frequencies, interval, rho[:, None], white[:, None]),
             lambda rho, white: np.log(_spectrum(lowest * BELOW, interval, rho[:, None], white[:, None])).mean(axis=1),
-            weight * counts, means, expected, settings.slowest / (lowest * interval), interval, stated_sd, settings)
-
-    found = choose(stated_sd)
-    if quiet_sd is None or stated_sd is None:
-        return found
-    quiet, count, length = quiet_sd
-    error = 1.0 / np.sqrt(2.0 * count)  # of the logarithm of a standard deviation
-    if count < settings.quiet or abs(np.log(quiet / stated_sd)) <= max(settings.doubt, settings.doubt_errors * error):
-        return found
+            weight * counts, means, expected, settings.slowest / (lowest * interval), interval, stated_sd, settings,
+            most)
 
     def judge(noise):
         s = noise.sd**2 * _spectrum(frequency, interval, noise.correlation, noise.white_share)
-        spread = noise.sd**2 * _stray(noise.correlation, noise.white_share, length)
-        free = 0.5 * count * (1.0 - noise.correlation) / (1.0 + noise.correlation)
         return (weight * np.sum(np.log(s) + power / s)
-                + 0.5 * free * (np.log(spread / quiet**2) + quiet**2 / spread - 1.0)
                 + settings.worth * ((noise.correlation > 0) + (noise.white_share > 0)))
 
-    # A slow drift beside white noise of another size would say the same: the simpler account is believed.
-    other = choose(quiet)
-    return other if judge(other) < judge(found) else found
+    def doubt(sd, error=0.0):
+        return abs(np.log(sd / stated_sd)) > max(settings.doubt, settings.doubt_errors * error)
+
+    found = choose(stated_sd)
+    if stated_sd is None:
+        return found
+    if quiet is not None and quiet.count >= settings.quiet and doubt(quiet.sd, 1.0 / np.sqrt(2.0 * quiet.count)):
+        # A slow drift beside white noise of another size would say the same: the simpler account is believed.
+        found = min(found, choose(quiet.sd), key=lambda noise: judge(noise) + quiet.lose(
+            noise.sd, noise.correlation, noise.white_share))
+    if whole is not None:
+        own = choose(None, whole)
+        gain = [judge(noise) + whole.lose(noise.sd, noise.correlation, noise.white_share, beyond=True)
+                for noise in (found, own)]
+        if doubt(own.sd) and gain[0] - gain[1] > settings.refuted:
+            return own
+    return found
 
 
 def _assume_white(sd: float, interval: float, stated_sd: float | None) -> Noise:
     return Noise(sd if stated_sd is None else stated_sd, 0.0, 0.0, interval, stated_sd, 0.2,
                  "too few samples to measure its correlation: taken as white")
-
-
-def _stray(correlation: float, white: float, length: int) -> float:
-    """Expected variance of so many neighbours about their own mean, at unit variance."""
-    lag = np.arange(1, length)
-    return 1.0 - 2.0 * (1.0 - white) * float(np.sum((length - lag) * correlation**lag)) / (length * (length - 1.0))
 
 
 def estimate_from_pairs(traces: list[tuple[np.ndarray, np.ndarray]], interval: float, stated_sd: float | None,
@@ -357,17 +391,20 @@ def _gather(x: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
 
 def _weigh_kinds(shape: Shapes, log_level: Shapes, counts: np.ndarray, means: np.ndarray,
                 expected: float | None, longest: float, interval: float, stated_sd: float | None,
-                 settings: NoiseSettings) -> Noise:
+                 settings: NoiseSettings, most: Deviation | None = None) -> Noise:
     r"""Average over white noise, AR(1) noise and their sum, each as likely as the others beforehand.
 
     The logarithm of the likelihood is $-\sum_k n_k(\log s_k + p_k/s_k)$ with $s_k = \sigma^2 S_k(\rho, w)$; `shape` is
     $S$ of correlations and shares, `counts` $n_k$, `means` $p_k$, and `log_level` the logarithm of the power where it
     has to be known. The size $\sigma$ is profiled; correlation times, up to `longest`, are as likely in every decade.
+    What would stray further than `most` counts less.
     """
     def look(correlation, white_share, volume):
         """Nodes: correlation, share, loss, logarithm of the size and its error, part of the prior; a column each."""
-        found = _profile(shape(correlation, white_share), counts, means, expected, settings.stated)
-        return np.array([correlation, white_share, *found, np.full(len(correlation), volume)])
+        loss, log_sd, error = _profile(shape(correlation, white_share), counts, means, expected, settings.stated)
+        if most is not None:
+            loss = loss + most.lose(np.exp(log_sd), correlation, white_share, beyond=True)
+        return np.array([correlation, white_share, loss, log_sd, error, np.full(len(correlation), volume)])
 
     kinds = [look(np.zeros(1), np.zeros(1), 1.0), *(_search(look, longest, mixed) for mixed in (False, True))]
     kind = np.repeat(np.arange(len(kinds)), [nodes.shape[1] for nodes in kinds])
