@@ -156,4 +156,4 @@ def test_threads(found, tmp_path):
     told = json.loads((tmp_path / "found" / "result.json").read_text(encoding="utf-8"))
     assert told["verdict"] == found[SLIP].verdict
     for name, one in found[SLIP].steps[-1].parameters.items():
-        assert abs(told["steps"][-1]["parameters"][name]["estimate"] - one.estimate) < CLOSE * one.sd
+        assert abs(told["parameters"][name]["estimate"] - one.estimate) < CLOSE * one.sd
