@@ -15,7 +15,7 @@ from ddetumble.exam.simulators.noise import draw_noise
 from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign
 from ddetumble.exam.simulators.tumbling_campaigns import make_tumble_campaign
 from ddetumble.inference.estimation import fit
-from ddetumble.inference.noise_estimation import estimate_from_pairs, estimate_noise
+from ddetumble.inference.noise_estimation import estimate_from_pairs, estimate_noise, measure_deviation
 from ddetumble.measurement.campaign import Campaign, Column, Uncertainty
 from ddetumble.measurement.faults import find_runs, find_spikes, find_truncated, screen_samples
 from ddetumble.measurement.package import read_campaign
@@ -318,9 +318,8 @@ def listen(deviation, rho, white, stated, seed):
     """What is made of eighteen traces of noise whose first samples nothing touches."""
     random = np.random.default_rng(seed)
     traces = [draw_noise(random, 200, deviation, rho, white) for _ in range(18)]
-    start = np.array([trace[:QUIET] for trace in traces])
-    quiet = float(np.sqrt(np.sum((start - start.mean(axis=1, keepdims=True)) ** 2) / (start.size - len(start))))
-    return estimate_noise([trace[QUIET:] for trace in traces], 4e-4, 150.0, stated, (quiet, start.size - 18, QUIET))
+    quiet = measure_deviation([trace[:QUIET] for trace in traces])
+    return estimate_noise([trace[QUIET:] for trace in traces], 4e-4, 150.0, stated, quiet)
 
 
 @pytest.mark.parametrize("seed", range(4))
