@@ -7,8 +7,8 @@ import numpy as np
 
 from ..inference.goodness import combine_p_values, weigh_shifts
 from ..inference.problem import Solution
-from .cross_validation import compare_losses, leave_out
-from .lack_of_fit import measure_smooth
+from ..inference.setting_spread import list_settings
+from .cross_validation import adjust_own, compare_losses, leave_out
 from .problem import Fitted, SelectionProblem
 
 
@@ -39,9 +39,8 @@ def fit_biases(selection: SelectionProblem, fitted: Fitted, rival: Fitted) -> li
     records, old, found = selection.records, fitted.solution, []
     deviations = np.asarray(records.stack.condition_sd)[: records.count]
     for k, name in enumerate(records.nuisances):
-        if name not in selection.campaign.records or name in records.starts or not (deviations[:, k] > 0).all():
-            continue
-        if selection.campaign.conditions[name].common is not None:  # the model has it
+        if (name not in selection.campaign.records or name in records.starts or not (deviations[:, k] > 0).all()
+                or selection.campaign.conditions[name].common is not None):  # the model has it
             continue
         values = np.abs(selection.campaign.records[name].to_numpy(dtype=float))
         # The true setting is the one written down x (1 - bias): by so many of its deviations.
@@ -52,22 +51,17 @@ def fit_biases(selection: SelectionProblem, fitted: Fitted, rival: Fitted) -> li
             scales=np.append(old.scales, 1.0), prior_residual=np.append(old.prior_residual, 0.0),
             prior_weight=np.append(old.prior_weight, 1.0))
         at, spread = _step(wider)
-        total, degrees = measure_smooth(selection.problem, at, selection.bases)
-        level = max(n.log_level_sd for n in selection.noise.values())
-        smooth = (np.log(max(total, 1e-300) / max(degrees, 1.0))) / np.sqrt(2.0 / max(degrees, 1.0) + level**2)
-        settings = [j for j, other in enumerate(records.nuisances) if other not in records.starts and ":" not in other
-                    and (deviations[:, j] > 0).any()]
-        chance = combine_p_values([weigh_shifts(at.z[:, j]) for j in settings])
         loss = leave_out(at, selection.groups)
-        difference, error = compare_losses(loss, rival.loss, selection.groups)
-        repeats = selection.measure_repeats(at) if selection.is_loose else None
-        rejected = (smooth > selection.settings.standard_errors or chance < selection.settings.level_each
-                    or (repeats is not None and repeats < selection.settings.level_each))
+        biased = dc.replace(fitted, solution=at, loss=loss, penalty=selection.settings.significant)
+        chances = [combine_p_values([weigh_shifts(at.z[:, j]) for j in list_settings(records)])]
+        if selection.is_loose and (repeats := selection.measure_repeats(at)) is not None:
+            chances.append(repeats)
+        rejected = selection.disperse(biased) > 1.0 or min(chances) < selection.settings.level_each
         found.append(SettingBias(
-            name, selection.settings.bias * float(at.u[-1]), selection.settings.bias * spread,
-            float(loss.sum()) + selection.settings.significant * len(at.names), bool(rejected), difference, error,
-            rival.effects, {other: float(np.sqrt(np.mean(np.square(at.z[:, j])))) * selection.spread[other]
-                            for j, other in enumerate(records.nuisances) if other in selection.spread}))
+            name, selection.settings.bias * float(at.u[-1]), selection.settings.bias * spread, biased.merit, rejected,
+            *compare_losses(loss, rival.loss, selection.groups), rival.effects,
+            {other: float(np.sqrt(np.mean(np.square(at.z[:, j])))) * selection.spread[other]
+             for j, other in enumerate(records.nuisances) if other in selection.spread}))
     return sorted(found, key=lambda one: one.merit)
 
 
@@ -97,13 +91,8 @@ def _step(solution: Solution) -> tuple[Solution, float]:
     scale = np.maximum(np.linalg.norm(flat, axis=0), 1e-300)
     step = np.linalg.lstsq(flat / scale, -right, rcond=1e-12)[0] / scale
     spread = float(np.sqrt(np.linalg.pinv((flat / scale).T @ (flat / scale), rcond=1e-12)[-1, -1]) / scale[-1])
-    own, z = solution.own, solution.z.copy()
-    moved = solution.residual + solution.shared @ step
-    for r in range(len(own)):
-        # With the parameters moved, every record's nuisances follow under their priors.
-        columns = np.concatenate([own[r], np.eye(own.shape[2])])
-        change = np.linalg.lstsq(columns, -np.concatenate([moved[r], z[r]]), rcond=None)[0]
-        moved[r] += own[r] @ change
-        z[r] += change
-    return dc.replace(solution, residual=moved, z=z, u=np.append(solution.u, step[-1]),
+    # With the parameters moved, every record's nuisances follow under their priors.
+    change = np.stack([adjust_own(solution, r, slice(None), step) for r in range(len(solution.own))])
+    moved = solution.residual + solution.shared @ step + np.einsum("grk,gk->gr", solution.own, change)
+    return dc.replace(solution, residual=moved, z=solution.z + change, u=np.append(solution.u, step[-1]),
                       prior_residual=solution.prior_residual + solution.prior_weight * step), spread

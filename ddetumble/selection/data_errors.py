@@ -8,7 +8,6 @@ adhesive force) and is left to the catalogue. One that is off by another amount 
 import dataclasses as dc
 from collections.abc import Iterator
 
-import jax.numpy as jnp
 import numpy as np
 from scipy import stats
 
@@ -17,11 +16,12 @@ from ..dynamics.spinning import RATES
 from ..families import find_family, name_family
 from ..families.starts import fill_gaps, integrate_couple
 from ..inference.problem import Solution
-from ..inference.stack import DRIFT, Stack
+from ..inference.stack import DRIFT
 from ..measurement.campaign import Campaign
 from ..measurement.faults import Fault
 from ..measurement.units import format_time, si_unit
-from .leave_record_out import Aside, Misfit, measure_record, replace_stack, settle, whiten_baseline, whiten_columns
+from .lack_of_fit import replace_arrays
+from .leave_record_out import Aside, Misfit, measure_record, settle, whiten_baseline, whiten_columns
 from .problem import SelectionProblem
 from .settings import DEFAULT, OutlierSettings
 
@@ -75,21 +75,16 @@ def _fits(selection: SelectionProblem, misfit: Misfit, aside: Aside) -> bool:
     return misfit.p_value > limits.fits or misfit.excess < min(max(limits.small, others), 0.02 * aside.own.excess)
 
 
-def _hold(selection: SelectionProblem, aside: Aside, stack: Stack) -> tuple[Misfit | None, Solution | None]:
-    """Misfit of the record with other numbers, and the solution there; None where it could not be computed."""
+def _hold(selection: SelectionProblem, aside: Aside, **arrays) -> tuple[Misfit | None, Solution | None]:
+    """Misfit of the record with other arrays in the stack, and the solution there; None where that failed."""
     try:
-        at = settle(replace_stack(selection.problem, stack), aside.solution.names, aside.solution.u,
+        at = settle(replace_arrays(selection.problem, **arrays), aside.solution.names, aside.solution.u,
                     aside.stated.z.copy())
     except ComputationError:
         return None, None
     if selection.records.keys[aside.record] in at.failed:
         return None, None
     return measure_record(selection, at, aside.record, aside.spread), at
-
-
-def _replace(stack: Stack, **arrays) -> Stack:
-    """A stack with other arrays."""
-    return dc.replace(stack, **{name: x if name == "conditions" else jnp.asarray(x) for name, x in arrays.items()})
 
 
 Hypotheses = Iterator[tuple[Misfit | None, Diagnosis]]
@@ -105,7 +100,7 @@ def _try_samples(selection: SelectionProblem, aside: Aside) -> Hypotheses:
     if 0 < number <= limits.few * length:
         values[r] = np.where(far, model, values[r])
         what = f"{number} of its samples, which are" if number > 1 else "one of its samples, which is"
-        yield _hold(selection, aside, _replace(stack, values=values))[0], Diagnosis(
+        yield _hold(selection, aside, values=values)[0], Diagnosis(
             "spike", selection.records.channels[int(np.argmax(far.sum(axis=1)))],
             f"It fits without {what} far off the model.",
             "Look for interference or a loose contact.", far[:, :length])
@@ -137,7 +132,7 @@ def _try_channel_units(selection: SelectionProblem, aside: Aside) -> Hypotheses:
             for name in [records.starts[k] for k in chosen if k < len(records.starts) and free_running]:
                 conditions[name] = conditions[name].at[r].divide(factor)
             what = " and ".join(records.channels[c] for c in chosen)
-            yield _hold(selection, aside, _replace(stack, values=values, conditions=conditions))[0], Diagnosis(
+            yield _hold(selection, aside, values=values, conditions=conditions)[0], Diagnosis(
                 "unit", records.channels[chosen[0]],
                 f"It fits once its {what} {'is' if len(chosen) == 1 else 'are'} {words}.",
                 "Correct the unit of that record.")
@@ -175,7 +170,7 @@ def _try_condition_units(selection: SelectionProblem, aside: Aside) -> Hypothese
             if name in selection.records.nuisances:
                 sd[r, selection.records.nuisances.index(name)] *= abs(value / own[r])
             conditions = {**stack.conditions, name: stack.conditions[name].at[r].set(value)}
-            yield _hold(selection, aside, _replace(stack, conditions=conditions, condition_sd=sd))[0], Diagnosis(
+            yield _hold(selection, aside, conditions=conditions, condition_sd=sd)[0], Diagnosis(
                 "unit", name, f"It fits once its {name} {words}.", f"Correct the {name} of that record.")
 
 
@@ -199,7 +194,7 @@ def _try_columns(selection: SelectionProblem, aside: Aside) -> Hypotheses:
             # An amplifier multiplies the noise, too.
             values = np.asarray(records.stack.values).copy()
             values[r, c] /= gain
-            misfit = _hold(selection, aside, _replace(records.stack, values=values))[0]
+            misfit = _hold(selection, aside, values=values)[0]
         yield misfit, Diagnosis("gain", channel, f"It fits if its {channel} reads {gain:.4g} times the true value.",
                                 "Check the range and the calibration of the gauge in that test, and repeat it.")
 
@@ -221,7 +216,7 @@ def _try_conditions(selection: SelectionProblem, aside: Aside) -> Hypotheses:
             continue
         sd = np.asarray(stack.condition_sd).copy()
         sd[r, k] = 0.1 * np.ptp(time) if name == "time" else 0.3 * abs(float(np.asarray(stack.conditions[name])[r]))
-        misfit, at = _hold(selection, aside, _replace(stack, condition_sd=sd))
+        misfit, at = _hold(selection, aside, condition_sd=sd)
         if at is None:
             continue
         change = float(at.z[r, k] * sd[r, k])

@@ -15,7 +15,7 @@ from ..inference.problem import Solution
 from .cross_validation import compare_losses
 from .detectability import LEAST, detectable_length, find_size
 from .forward_selection import CandidateFits, FittedStep, fit_with_shapes, list_unphysical
-from .lack_of_fit import Score, correct_for_many, hold_settings, is_moved, measure_shifts
+from .lack_of_fit import Score, correct_for_many, doubt_level, hold_settings, is_moved, measure_shifts
 from .problem import Fitted, SelectionProblem
 from .result import Candidate, Estimate, SettingSpread, Step
 from .series import make_traces, nrmse, split_error
@@ -154,7 +154,7 @@ def describe_candidates(selection: SelectionProblem, grown: Sequence[FittedStep]
         drop = max(alone.solution.chi2 - fitted.solution.chi2, 0.0)
         excess = max(alone.solution.chi2 - (used - free), 1.0)
         scale = max(selection.samples / max(used, 1.0), 1.0) if alone.thinned else 1.0
-        widen = 1.0 + 2.0 * max(n.log_level_sd for n in selection.noise.values())
+        widen = 1.0 + 2.0 * doubt_level(selection.noise)
         single = float(stats.chi2.sf(drop * scale / widen, max(len(fitted.solution.names) - free, 1)))
         difference, error = compare_losses(fitted.loss, (rivals[fitted.thinned] or fitted).loss, selection.groups)
         cosines = _list_cosines(own, scores, effect)

@@ -17,7 +17,7 @@ from ..inference.noise_estimation import changed, has_more_hum, measure_noise
 from ..inference.problem import Solution
 from ..inference.variance_components import add_slow_noise
 from .cross_validation import compare_losses
-from .lack_of_fit import Score
+from .lack_of_fit import Score, doubt_level
 from .localise import find_line
 from .problem import Fitted, SelectionProblem
 from .result import LackOfFit
@@ -176,7 +176,7 @@ def has_power(selection: SelectionProblem, score: Score) -> bool:
     left = count - len(selection.base)
     strength = SIGNATURE**2 * selection.samples * score.visible
     rest, degrees = (left - known, known) if known else (
-        left, 2.0 / max(n.log_level_sd for n in selection.noise.values()) ** 2)
+        left, 2.0 / doubt_level(selection.noise) ** 2)
     if rest < 1:
         return False
     return bool(stats.ncf.sf(stats.f.isf(limits.level_each, rest, degrees), rest, degrees, strength) >= 0.5)

@@ -5,41 +5,56 @@ contact (splines of each record, and what the parameters could still change), wi
 complete model it is chi-square, spread a little further by what is not known about the noise's correlation. The second
 looks where physics would put it: the largest efficient score of any effect or test direction outside the model. The
 third looks at what the settings of the records had to swallow: how far they were moved from what was written down.
+Where noise or settings are not taken as stated, a fourth looks at what repeats over the records: physics moves the mean
+residual at a given state, noise does not.
 """
 
 import dataclasses as dc
 from collections.abc import Mapping, Sequence
 
-import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 from scipy import sparse, stats
+from scipy.interpolate import BSpline
 
+from ..families import find_family
 from ..inference.goodness import combine_p_values, weigh_shifts
 from ..inference.noise import Noise, whitening_matrix, widen_by_student
 from ..inference.noise_estimation import list_spans, spline_columns
 from ..inference.problem import Problem, Solution
+from ..inference.setting_spread import follow_conditions
 from ..inference.stack import Records, is_added
 from .result import LackOfFit, SettingShift
 from .settings import DEFAULT, SelectionSettings
 
 
 ROWS = 16_384  # of a basis that are looked at at once
+FAINT = 1e-9  # length of a column below which it tells nothing,
+TOLD = 1e-11  # and squared length, of columns of unit length, below which a combination of them is rounding
+PARTS = 24  # splines over a contact: a stick-slip of a tenth of a stroke shows, and each still has a few samples
+FLIPS = 4000  # draws of signs, so that p-values down to 1e-3 are known to a tenth
+FEWEST = 8  # records whose signs tell anything: with fewer the smallest p-value is above one in a hundred
+SEED = 20261125
 
 
 def smooth_bases(problem: Problem, end: np.ndarray) -> list[sparse.csr_matrix]:
     """Whitened spline basis of each record over all channels, list of (rows, columns)."""
-    stack, lengths = problem.records.stack, problem.records.lengths
-    time, weights, taps = np.asarray(stack.time), np.asarray(stack.weights), np.asarray(stack.taps)
-    bases = []
-    for r, n in enumerate(lengths):
-        columns = sparse.csr_matrix(np.ones((1, 1)))  # of a value, all of it
-        if not problem.records.are_values:
-            columns = spline_columns(time[r, :n], list_spans(problem.records, r, float(end[r])))
-        blocks = [whitening_matrix(weights[r, c, :n], taps[r, c, :n]) @ columns for c in range(weights.shape[1])]
-        for block in blocks:
-            block.resize(weights.shape[2], np.shape(columns)[1])
-        bases.append(sparse.block_diag(blocks, format="csr"))
-    return bases
+    records = problem.records
+    if records.are_values:  # all of each
+        return [whiten_all(records, r, sparse.csr_matrix(np.ones((1, 1)))) for r in range(records.count)]
+    time = np.asarray(records.stack.time)
+    return [whiten_all(records, r, spline_columns(time[r, :n], list_spans(records, r, float(end[r]))))
+            for r, n in enumerate(records.lengths)]
+
+
+def whiten_all(records: Records, record: int, columns: sparse.csr_matrix) -> sparse.csr_matrix:
+    """Columns over the samples of a record, apart in every channel, as rows of its residual: (rows, columns)."""
+    n = records.lengths[record]
+    weights, taps = np.asarray(records.stack.weights)[record], np.asarray(records.stack.taps)[record]
+    blocks = [whitening_matrix(own[:n], filtered[:n]) @ columns for own, filtered in zip(weights, taps, strict=True)]
+    for block in blocks:
+        block.resize(weights.shape[1], np.shape(columns)[1])
+    return sparse.block_diag(blocks, format="csr")
 
 
 def measure_smooth(problem: Problem, solution: Solution, bases: Sequence[sparse.csr_matrix]) -> tuple[float, float]:
@@ -55,14 +70,9 @@ def measure_smooth(problem: Problem, solution: Solution, bases: Sequence[sparse.
         if problem.space.family.free_running:  # a tall matrix of many splines: its normal equations do
             cross = rows.T @ dense
             square = np.block([[(rows.T @ rows).toarray(), cross], [cross.T, dense.T @ dense]])
-            scale = np.sqrt(np.diag(square)[:-1])
-            kept = scale > 1e-9
-            square, side = (square[:-1, :-1][np.ix_(kept, kept)] / np.outer(scale[kept], scale[kept]),
-                            square[:-1, -1][kept] / scale[kept])
-            values, vectors = np.linalg.eigh(square)
-            told = values > 1e-11 * values[-1]
-            total += float(np.sum((vectors.T @ side)[told] ** 2 / values[told]))
-            degrees += int(told.sum()) - own
+            turn = orthonormalise(square[:-1, :-1])
+            total += float(np.sum((turn.T @ square[:-1, -1]) ** 2))
+            degrees += turn.shape[1] - own
             continue
         # Singular vectors of a tall matrix are those of its triangular factor.
         factor = _triangulate(rows, dense)
@@ -73,6 +83,19 @@ def measure_smooth(problem: Problem, solution: Solution, bases: Sequence[sparse.
         total += float(np.sum((u.T @ right) ** 2))
         degrees += u.shape[1] - own  # each nuisance was fitted
     return total, degrees
+
+
+def orthonormalise(square: np.ndarray) -> np.ndarray:
+    """Matrix by which columns become orthonormal, shape (columns, rank), from their normal equations."""
+    size = np.sqrt(np.maximum(np.diag(square), 0.0))
+    kept = np.flatnonzero(size > FAINT)
+    if not kept.size:
+        return np.zeros((len(square), 0))
+    values, vectors = np.linalg.eigh(square[np.ix_(kept, kept)] / np.outer(size[kept], size[kept]))
+    told = values > TOLD * values[-1]
+    turn = np.zeros((len(square), int(told.sum())))
+    turn[kept] = vectors[:, told] / np.sqrt(values[told]) / size[kept, None]
+    return turn
 
 
 def _triangulate(left: sparse.csr_matrix, right: np.ndarray) -> np.ndarray:
@@ -94,30 +117,37 @@ def judge_fit(problem: Problem, solution: Solution, bases: Sequence[sparse.csr_m
     records whatever the noise, where noise or settings are not taken as stated.
     """
     total, degrees = measure_smooth(problem, solution, bases)
-    count = max(degrees, 1.0)
-    spread = max(n.log_level_sd for n in noise.values())
-    smooth = float(stats.norm.sf((np.log(total / count) + 1.0 / count) / np.sqrt(2.0 / count + spread**2)))
-    if problem.records.are_values:
-        smooth = judge_values(total, degrees, noise)
+    smooth = judge_values(total, degrees, noise) if problem.records.are_values else judge_smooth(total, degrees, noise)
     shifts = [shift.p_value for shift in measure_shifts(problem.records, solution)]
     moves = combine_p_values(shifts)
     p = combine_p_values((smooth, score_p_value, moves, *(() if repeats_p_value is None else (repeats_p_value,))))
     how = (f", calibrated within records by a parametric bootstrap of {settings.bootstrap} draws of the whitened "
            "noise" if problem.space.family.free_running else "")
     moved = ", and how far the settings of the records were moved from what was written down" if shifts else ""
-    known = repeats_p_value is not None
-    repeats = ", and what repeats over the records (random signs of whole records)" if known else ""
-    count_p = "four" if repeats else "three"
-    number = {2: "two", 3: "three", 4: "four"}[2 + bool(shifts) + bool(repeats)]
-    text = (f"the smallest p-value, counted {count_p} times, of {number} statistics: chi-square of the smooth part of "
-            f"whitened residuals over {degrees:.0f} degrees of freedom (noise level known to "
-            f"{100 * spread:.1f} %); the largest efficient score of any effect or test direction outside the model{how}"
-            f"{moved}{repeats}")
+    repeats = "" if repeats_p_value is None else (
+        ", and what repeats over the records (random signs of whole records)")
+    numbers = ("two", "three", "four")
+    text = (f"the smallest p-value, counted {numbers[1 + bool(repeats)]} times, of "
+            f"{numbers[bool(moved) + bool(repeats)]} statistics: chi-square of the smooth part of whitened residuals "
+            f"over {degrees:.0f} degrees of freedom (noise level known to {100 * doubt_level(noise):.1f} %); the "
+            f"largest efficient score of any effect or test direction outside the model{how}{moved}{repeats}")
     if problem.records.are_values and smooth == 1.0:
         text += ("; the values leave nothing to test with that chi-square, as the model has as many parameters as the "
                  "curve whose scatter takes the place of the noise")
-    return LackOfFit(total / count, degrees, p, settings.level, p < settings.level, smooth, score_p_value, moves, text,
-                     repeats_p_value)
+    return LackOfFit(total / max(degrees, 1.0), degrees, p, settings.level, p < settings.level, smooth, score_p_value,
+                     moves, text, repeats_p_value)
+
+
+def doubt_level(noise: Mapping[str, Noise]) -> float:
+    """Standard error of the logarithm of the noise's power, of the channel where it is known least."""
+    return max(n.log_level_sd for n in noise.values())
+
+
+def judge_smooth(total: float, degrees: float, noise: Mapping[str, Noise]) -> float:
+    """p-value of a chi-square of series, whose noise level is known as far as it is."""
+    count = max(degrees, 1.0)
+    logarithm = np.log(max(total / count, 1e-300)) + 1.0 / count
+    return float(stats.norm.sf(logarithm / np.sqrt(2.0 / count + doubt_level(noise) ** 2)))
 
 
 def judge_values(total: float, degrees: float, noise: Mapping[str, Noise]) -> float:
@@ -135,7 +165,7 @@ def judge_values(total: float, degrees: float, noise: Mapping[str, Noise]) -> fl
     if degrees < 1:
         return 1.0
     if not estimated:
-        return float(stats.f.sf(total / degrees, degrees, 2.0 / max(n.log_level_sd for n in noise.values()) ** 2))
+        return float(stats.f.sf(total / degrees, degrees, 2.0 / doubt_level(noise) ** 2))
     known = sum(n.degrees for n in estimated)
     # Under the noise itself, not that which is taken larger for how little tells of it.
     total *= min(widen_by_student(n.degrees) for n in estimated) ** 2
@@ -224,7 +254,7 @@ def family_p_value(scores: list[Score], noise: Mapping[str, Noise]) -> float:
         known = min(estimated)
         largest = max(s.z**2 for s in scores) * widen_by_student(known) ** 2
         return correct_for_many(float(stats.f.sf(largest, 1, known)), len(scores))
-    widen = 1.0 + 2.0 * max(n.log_level_sd for n in noise.values())
+    widen = 1.0 + 2.0 * doubt_level(noise)
     return correct_for_many(float(stats.chi2.sf(max(s.z**2 for s in scores) / widen, 1)), len(scores))
 
 
@@ -246,7 +276,7 @@ def bootstrap_p_value(scores: list[Score], noise: Mapping[str, Noise], draws: in
     values, vectors = np.linalg.eigh(np.array([s.cosines[[t.place for t in used]] for s in used]))
     generator = np.random.default_rng(20261121)
     drawn = generator.standard_normal((draws, len(used))) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
-    level = np.exp(max(n.log_level_sd for n in noise.values()) * generator.standard_normal(draws))
+    level = np.exp(doubt_level(noise) * generator.standard_normal(draws))
     largest = np.max(drawn**2, axis=1) * level
     above = int(np.sum(largest >= max(s.z**2 for s in used)))
     return (above + 1.0) / (draws + 1.0)
@@ -283,7 +313,77 @@ def hold_settings(problem: Problem, solution: Solution) -> Solution:
     """The same model fitted with every condition as it is written down; the time origin moves as before."""
     records = problem.records
     moves = np.array([name == "time" or name in records.starts or ":" in name for name in records.nuisances])
-    deviations = records.stack.condition_sd * moves
-    held = dc.replace(records, stack=eqx.tree_at(lambda s: s.condition_sd, records.stack, deviations))
-    return type(problem)(problem.space, held, problem.priors).solve(solution.names, solution.u, solution.z * moves,
-                                                                    tolerance=1e-2)
+    held = replace_arrays(problem, condition_sd=records.stack.condition_sd * moves)
+    return held.solve(solution.names, solution.u, solution.z * moves, tolerance=1e-2)
+
+
+def replace_arrays(problem: Problem, **arrays) -> Problem:
+    """The same problem with other arrays in its stack: programs are shared."""
+    new = {name: x if name == "conditions" else jnp.asarray(x) for name, x in arrays.items()}
+    records = dc.replace(problem.records, stack=dc.replace(problem.records.stack, **new))
+    return type(problem)(problem.space, records, problem.priors)
+
+
+def measure_repeats(records: Records, solution: Solution, groups: np.ndarray, conditions: np.ndarray) -> float | None:
+    """p-value of nothing in the residuals repeating over the records, whatever the size and correlation of the noise.
+
+    Residuals of every record are projected on splines over its contact, without what its own settings can imitate; how
+    far these then have to move counts by itself (`follow_conditions`). Their mean over the records, and their slopes
+    over the logarithms of the conditions, are held against the same with the signs of whole records drawn at random
+    (Liu, Annals of Statistics 16, 1988, wild bootstrap by cluster).
+
+    Args:
+        records: with the filter that whitens the residuals.
+        solution: a fit of all records under it.
+        groups: number of the condition of every record, shape (records,).
+        conditions: of every record, shape (records, conditions), SI; the place in the series may be one.
+
+    Returns:
+        The p-value; None where the records do not share a phase, are single values, or are too few.
+    """
+    if find_family(records.family).free_running or records.are_values or records.count < FEWEST:
+        return None
+    time = np.asarray(records.stack.time)
+    knots = np.concatenate([[0.0] * 3, np.linspace(0.0, 1.0, PARTS - 2), [1.0] * 3])
+    scores, shifts = [], []
+    for r, n in enumerate(records.lengths):
+        low = max(float(time[r, 0]), 0.0)
+        phase = (time[r, :n] - low) / max(float(solution.end[r]) - low, 1e-300)
+        inside, columns = (phase >= 0) & (phase < 1), np.zeros((n, PARTS))
+        if inside.any():
+            columns[inside] = BSpline.design_matrix(phase[inside], knots, 3).toarray()
+        basis = np.linalg.qr(np.concatenate([solution.own[r], np.eye(solution.own.shape[2])]))[0]
+        side = np.concatenate([solution.residual[r], solution.z[r]])
+        side = side - basis @ (basis.T @ side)
+        rows = solution.residual.shape[1]
+        scores.append(whiten_all(records, r, sparse.csr_matrix(columns)).T @ side[:rows])
+        shifts.append(side[rows:])
+    logarithms = np.log(np.maximum(np.abs(conditions), 1e-300))
+    spread = logarithms.std(axis=0)
+    slopes = ((logarithms - logarithms.mean(axis=0)) / np.maximum(spread, 1e-300))[:, spread > 0.01]
+    over = np.concatenate([np.ones((len(scores), 1)), slopes], axis=1)
+    settled = [k for k, name in enumerate(records.nuisances) if name not in records.starts]
+    moved = [shift for shift in np.array(shifts)[:, settled].T if np.ptp(shift) > 0]
+    return combine_p_values([_flip_signs(np.array(scores), over),
+                             *(follow_conditions(shift, groups, conditions) for shift in moved)])
+
+
+def _flip_signs(table: np.ndarray, over: np.ndarray) -> float:
+    """p-value of nothing common in the columns of a table, by signs of its rows.
+
+    Args:
+        table: of every record, shape (records, columns).
+        over: weights whose sums are looked at, the largest of them, shape (records, weights).
+    """
+    size = np.sqrt(np.mean(table**2, axis=0))
+    table = table[:, size > 0] / size[size > 0]
+
+    def measure(signs: np.ndarray) -> np.ndarray:
+        """Largest statistic over the weights, shape (draws,)."""
+        sums = np.einsum("dr,rw,rk->dwk", signs, over, table, optimize=True)
+        scale = np.einsum("rw,rk->wk", over**2, table**2)
+        return np.max(np.sum(sums**2 / np.maximum(scale, 1e-300), axis=2), axis=1)
+
+    signs = np.random.default_rng(SEED).choice([-1.0, 1.0], size=(FLIPS, len(table)))
+    seen = measure(np.ones((1, len(table))))[0]
+    return float((np.sum(measure(signs) >= seen * (1.0 - 1e-9)) + 1.0) / (FLIPS + 1.0))

@@ -3,8 +3,6 @@
 import dataclasses as dc
 from collections.abc import Collection
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from scipy import stats
 from scipy.linalg import block_diag
@@ -12,11 +10,8 @@ from scipy.linalg import block_diag
 from ..inference.noise import whitening_matrix
 from ..inference.problem import Problem, Solution
 from ..inference.progressive_horizon import is_lost, solve_progressively
-from ..inference.stack import Stack
+from .lack_of_fit import TOLD, doubt_level, judge_smooth, orthonormalise, replace_arrays
 from .problem import SelectionProblem
-
-
-TOLD = 1e-11  # of a column's squared length: what is left of rounding, where the others hold it already
 
 
 @dc.dataclass(frozen=True)
@@ -67,11 +62,11 @@ def measure_record(selection: SelectionProblem, solution: Solution, record: int,
     moving = np.concatenate([np.concatenate(parts, axis=1), block_diag(*priors)])
     side = np.zeros(len(moving))
     side[:rows], side[rows: rows + count] = solution.residual[record], solution.z[record]
-    q = moving @ _orthonormalise(moving.T @ moving)
+    q = moving @ orthonormalise(moving.T @ moving)
     side = side - q @ (q.T @ side)
     basis = selection.bases[record]
     if record not in selection.orthonormal:
-        selection.orthonormal[record] = _orthonormalise((basis.T @ basis).toarray())
+        selection.orthonormal[record] = orthonormalise((basis.T @ basis).toarray())
     turn = selection.orthonormal[record].T
     smooth = turn @ (basis.T @ side[:rows])
     # What moves takes a part of a few directions of the splines, and leaves the others as they are.
@@ -84,10 +79,9 @@ def measure_record(selection: SelectionProblem, solution: Solution, record: int,
 
 def judge(selection: SelectionProblem, total: float, degrees: int) -> Misfit:
     """Chance of a sum of squares, the noise level being known as far as it is."""
-    spread, count = max(n.log_level_sd for n in selection.noise.values()), max(degrees, 1)
-    logarithm = np.log(max(total / count, 1e-300)) + 1.0 / count
-    normal = float(stats.norm.sf(logarithm / np.sqrt(2.0 / count + spread**2)))
-    return Misfit(total, degrees, max(normal, float(stats.chi2.sf(total / (1.0 + 2.0 * spread), count))))
+    louder = 1.0 + 2.0 * doubt_level(selection.noise)
+    return Misfit(total, degrees, max(judge_smooth(total, degrees, selection.noise),
+                                      float(stats.chi2.sf(total / louder, max(degrees, 1)))))
 
 
 def set_aside(selection: SelectionProblem, solution: Solution, record: int, out: Collection[int] = ()) -> Aside:
@@ -122,15 +116,10 @@ def settle(problem: Problem, names: tuple[str, ...], u: np.ndarray, z: np.ndarra
 
 
 def mask_records(problem: Problem, gone: Collection[int]) -> Problem:
-    """The same records, some without weight: programs are shared."""
+    """The same records, some without weight."""
     weights = np.asarray(problem.records.stack.weights).copy()
     weights[list(gone)] = 0.0
-    return replace_stack(problem, eqx.tree_at(lambda s: s.weights, problem.records.stack, jnp.asarray(weights)))
-
-
-def replace_stack(problem: Problem, stack: Stack) -> Problem:
-    """The same problem with other numbers."""
-    return type(problem)(problem.space, dc.replace(problem.records, stack=stack), problem.priors)
+    return replace_arrays(problem, weights=weights)
 
 
 def whiten_columns(problem: Problem, record: int, channel: int, columns: np.ndarray) -> np.ndarray:
@@ -146,16 +135,3 @@ def whiten_baseline(problem: Problem, record: int, channel: int) -> np.ndarray:
     """An offset of one channel, and a drift from 0 to 1 over the record, as such columns, shape (rows, 2)."""
     t = np.asarray(problem.records.stack.time)[record, : problem.records.lengths[record]]
     return whiten_columns(problem, record, channel, np.stack([np.ones(len(t)), (t - t[0]) / (t[-1] - t[0])], axis=1))
-
-
-def _orthonormalise(square: np.ndarray) -> np.ndarray:
-    """Matrix by which columns become orthonormal, shape (columns, rank), from their normal equations."""
-    size = np.sqrt(np.maximum(np.diag(square), 0.0))
-    kept = np.flatnonzero(size > 1e-9)
-    if not kept.size:
-        return np.zeros((len(square), 0))
-    values, vectors = np.linalg.eigh(square[np.ix_(kept, kept)] / np.outer(size[kept], size[kept]))
-    told = values > TOLD * values[-1]
-    turn = np.zeros((len(square), int(told.sum())))
-    turn[kept] = vectors[:, told] / np.sqrt(values[told]) / size[kept, None]
-    return turn

@@ -25,13 +25,14 @@ from .cross_validation import forecast, leave_out, predict_left_out
 from .lack_of_fit import (
     Score,
     bootstrap_p_value,
+    doubt_level,
     family_p_value,
     judge_fit,
+    measure_repeats,
     measure_smooth,
     score_directions,
     smooth_bases,
 )
-from .repeats import measure_repeats
 from .result import LackOfFit
 from .series import split_error
 from .settings import DEFAULT, SelectionSettings
@@ -157,10 +158,8 @@ class SelectionProblem:
         if fitted.thinned or not self.bases:
             return 1.0
         total, degrees = measure_smooth(self.problem, fitted.solution, self.bases)
-        spread = max(n.log_level_sd for n in self.noise.values())
-        beyond = self.settings.standard_errors * np.sqrt(2.0 / max(degrees, 1.0) + spread**2)
-        ratio = total / max(degrees, 1.0)
-        return float(ratio) if ratio > np.exp(beyond) else 1.0
+        ratio, error = total / max(degrees, 1.0), np.sqrt(2.0 / max(degrees, 1.0) + doubt_level(self.noise) ** 2)
+        return float(ratio) if ratio > np.exp(self.settings.standard_errors * error) else 1.0
 
     def span(self, solution: Solution) -> "SelectionProblem":
         """The same with the splines over the contacts of a fit."""

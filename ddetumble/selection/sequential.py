@@ -8,11 +8,11 @@ from scipy import sparse, special, stats
 
 from ..inference.noise import Noise
 from ..inference.problem import Problem, Solution
+from .lack_of_fit import doubt_level, orthonormalise
 
 
 POWERS = np.linspace(0.05, 0.95, 19)  # of the p-values: small ones bet on strong misfits, large ones on faint ones
-TOLD = 1e-9  # singular value of a scaled column, below which it tells nothing,
-SMALL = 1e-11  # and eigenvalue of its normal equations
+TOLD = 1e-9  # singular value of scaled columns, below which a combination of them tells nothing
 
 
 @dc.dataclass(frozen=True)
@@ -58,9 +58,8 @@ def follow_records(problem: Problem, solution: Solution, bases: Sequence[sparse.
         bases: of `smooth_bases`.
         noise: by channel.
     """
-    louder = float(np.exp(2.0 * max(n.log_level_sd for n in noise.values())))
-    parts = list_parts(solution, bases)
-    p_values = weigh_increments(parts, np.diag(solution.prior_weight), solution.prior_residual, louder)
+    p_values = weigh_increments(list_parts(solution, bases), np.diag(solution.prior_weight), solution.prior_residual,
+                                float(np.exp(2.0 * doubt_level(noise))))
     return Sequential(problem.records.keys, p_values, accumulate(p_values))
 
 
@@ -78,11 +77,7 @@ def list_parts(solution: Solution, bases: Sequence[sparse.csr_matrix]) -> list[t
         cross = np.concatenate([basis.T @ both[: len(settings)], columns[r].T @ both])
         square = np.block([[(basis.T @ basis).toarray() - aside @ aside.T, cross[: len(aside), :-1]],
                            [cross[: len(aside), :-1].T, cross[len(aside):, :-1]]])
-        size = np.sqrt(np.maximum(np.diag(square), 0.0))
-        kept = size > TOLD
-        values, vectors = np.linalg.eigh(square[np.ix_(kept, kept)] / np.outer(size[kept], size[kept]))
-        told = values > SMALL * values[-1:].max(initial=0.0)
-        smooth = (vectors[:, told] / np.sqrt(values[told])).T @ (cross[kept] / size[kept, None])
+        smooth = orthonormalise(square).T @ cross
         parts.append((smooth[:, :-1], smooth[:, -1]))
     return parts
 
@@ -101,10 +96,9 @@ def weigh_increments(parts: Sequence[tuple[np.ndarray, np.ndarray]], prior: np.n
     found = []
     for columns, right in parts:
         known = np.linalg.qr(np.concatenate([known, np.concatenate([columns, right[:, None]], axis=1)]), mode="r")
-        before, (rank, total) = (rank, least), _reduce(known)
-        freedom = len(right) - (rank - before[0])
-        found.append(stats.chi2.sf(max(total - before[1], 0.0) / louder, freedom) if freedom > 0 else 1.0)
-        least = total
+        (before, rest), (rank, least) = (rank, least), _reduce(known)
+        freedom = len(right) - (rank - before)
+        found.append(stats.chi2.sf(max(least - rest, 0.0) / louder, freedom) if freedom > 0 else 1.0)
     return np.array(found)
 
 
@@ -118,16 +112,10 @@ def accumulate(p_values: np.ndarray) -> np.ndarray:
     return np.exp(np.minimum(special.logsumexp(np.cumsum(logarithms, axis=0), axis=1) - np.log(len(POWERS)), 700.0))
 
 
-def _span(columns: np.ndarray) -> np.ndarray:
-    """Orthonormal basis of what the columns span, shape (rows, rank)."""
-    size = np.linalg.norm(columns, axis=0)
-    kept = columns[:, size > TOLD] / size[size > TOLD]
-    u, s, _ = np.linalg.svd(kept, full_matrices=False)
-    return u[:, s > TOLD * s[:1].max(initial=0.0)] if s.size else np.zeros((len(columns), 0))
-
-
 def _reduce(known: np.ndarray) -> tuple[int, float]:
     """Rank of the columns but the last, and the sum of squares that they leave of it."""
-    basis = _span(known[:, :-1])
-    right = known[:, -1]
+    columns, right = known[:, :-1], known[:, -1]
+    size = np.linalg.norm(columns, axis=0)
+    basis, s, _ = np.linalg.svd(columns[:, size > TOLD] / size[size > TOLD], full_matrices=False)
+    basis = basis[:, s > TOLD * s[:1].max(initial=0.0)]
     return basis.shape[1], float(np.sum((right - basis @ (basis.T @ right)) ** 2))
