@@ -2,7 +2,7 @@
 peak force, duration and impulse of impacts."""
 
 import dataclasses as dc
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TypeGuard
@@ -20,6 +20,7 @@ from ..dynamics.impact import bound_depression
 from ..inference.archive import AbstractFitted, FittedModel, load, take_fitted
 from ..inference.problem import evaluate
 from ..inference.stack import Stack, pad_shape
+from ..measurement.checks import refuse_rows
 from ..measurement.layout import split_heading
 from ..measurement.tables import Table, convert_column, read_table
 from ..measurement.units import check_unit, format_time, parse_unit, si_unit
@@ -83,22 +84,15 @@ def read_request(conditions: str | Path | pd.DataFrame, saved: FittedModel, name
             have, or that change within a record.
     """
     table = _from_frame(conditions) if isinstance(conditions, pd.DataFrame) else read_table(conditions)
-    place, lines, family, abscissa = table.file, table.lines, saved.space.family, saved.space.family.independent
-
-    def refuse(bad: np.ndarray, column: str, tell: Callable[[int], str]) -> None:
-        """Refuse the first of the rows that are bad."""
-        if bad.any():
-            row = int(np.argmax(bad))
-            raise InputError(tell(row), file=place, column=column, row=lines[row])
-
+    lines, family, abscissa = table.lines, saved.space.family, saved.space.family.independent
     headings = _name_columns(table, (*names, "record", abscissa))
     timed = abscissa in headings and not saved.are_values
     if timed and "record" not in headings:
-        raise InputError(f"there is no column 'record'; the file has {', '.join(table.columns)}", file=place)
+        raise InputError(f"there is no column 'record'; the file has {', '.join(table.columns)}", file=table.file)
     keys = np.array([f"r{k + 1:02d}" for k in range(len(table))], dtype=object)
     if "record" in headings:
         keys = np.array([cell.strip() for cell in table.columns["record"]], dtype=object)
-    refuse(keys == "", "record", lambda row: "the cell is empty; every row needs the key of its record")
+    refuse_rows(keys == "", table, "record", "the cell is empty; every row needs the key of its record")
     asked, values = {name for e in saved.space.effects for name in e.requires}, {}
     for name in (*names, *([abscissa] if timed else [])):
         if name == "sequence" and name not in headings and name not in asked:
@@ -107,30 +101,29 @@ def read_request(conditions: str | Path | pd.DataFrame, saved: FittedModel, name
         unit = {"time": "s", "slip": "m"}.get(name) or saved.units.get(name) or si_unit(name)
         if name not in headings:
             raise InputError(f"there is no column {name!r} [{unit}], which the model needs; the file has "
-                             + ", ".join(table.columns), file=place)
+                             + ", ".join(table.columns), file=table.file)
         values[name] = own = _convert(table, headings[name], name, unit)
         remedy = "; pressures are absolute" if name == "initial_pressure" else ""
         if name in POSITIVE:
-            refuse(own <= 0, headings[name][0], lambda row: f"{own[row]:g} must be positive{remedy}")  # noqa: B023
+            refuse_rows(own <= 0, table, headings[name][0], lambda row: f"{own[row]:g} must be positive{remedy}")  # noqa: B023
         if name in NOT_NEGATIVE:
-            refuse(own < 0, headings[name][0], lambda row: f"{own[row]:g} cannot be negative{remedy}")  # noqa: B023
+            refuse_rows(own < 0, table, headings[name][0], lambda row: f"{own[row]:g} cannot be negative{remedy}")  # noqa: B023
     records = pd.Series(np.arange(len(keys))).groupby(keys, sort=False)
     first = records.transform("first").to_numpy()
     if timed and family.has_strokes:
         before = pd.Series(values[abscissa]).groupby(keys, sort=False).shift(fill_value=0.0).to_numpy()
-        refuse(values[abscissa] < before, "slip", lambda row: (
+        refuse_rows(values[abscissa] < before, table, "slip", lambda row: (
             f"the slip falls within record {keys[row]!r}, but counts from the start of a stroke: give each stroke a "
             "record of its own, in the order of its slip"))
     if timed and family.free_running:
-        refuse(values["time"] < 0, "time", lambda row: (
-            "a tumbling record begins at t = 0, with the rates given for it; times cannot be negative"))
+        refuse_rows(values["time"] < 0, table, "time",
+                    "a tumbling record begins at t = 0, with the rates given for it; times cannot be negative")
     if not timed:
-        refuse(first != np.arange(len(keys)), "record", lambda row: (
-            f"record {keys[row]!r} is already on line {lines[first[row]]}; without times there is one row per "
-            "record"))
+        refuse_rows(first != np.arange(len(keys)), table, "record", lambda row: (
+            f"record {keys[row]!r} is already on line {lines[first[row]]}; without times there is one row per record"))
     for name in names:
         own = values[name]
-        refuse(own != own[first], name, lambda row: (
+        refuse_rows(own != own[first], table, name, lambda row: (
             f"record {keys[row]!r} has {own[row]:g} here and {own[first[row]]:g} on line "  # noqa: B023
             f"{lines[first[row]]}, but a record has one value of each condition"))
     extra = [name for name in headings if name not in (*names, "record", abscissa)]
@@ -206,14 +199,12 @@ def predict(model: str | Path | FittedModel | AbstractFitted | ModelWeights,
     # Where times are chosen, they are those of the model with the most weight.
     saved, request = ask_model(models[int(np.argmax(weights))], conditions)
     request = lay_times(saved, request)
-    tables = [_predict_model(one, request) for one in models]
-    result = average_predictions(tables, weights)
+    result = average_predictions([_predict_model(one, request) for one in models], weights)
     shares = ", ".join(f"{name} {weight:.2f}" for name, weight in zip(names, weights, strict=True))
     first = (f"The prediction is that of {names[0]}, which has all the weight of the rivals." if len(models) == 1 else
              f"The prediction is averaged over {len(models)} models by their weights ({shares}); the spread between "
-             f"the "
-             "models is part of the standard deviations.")
-    result.attrs["notes"] = tuple(dict.fromkeys([first, *(note for table in tables for note in table.attrs["notes"])]))
+             "the models is part of the standard deviations.")
+    result.attrs["notes"] = (first, *result.attrs["notes"])
     return result
 
 
@@ -249,11 +240,9 @@ def _predict_model(model: str | Path | FittedModel | AbstractFitted,
         for i, (r, k) in enumerate(zip(rows, places, strict=True)):
             for c, channel in enumerate(channels):
                 found[channel][:, r] = mean[i, c, k], sd[i, c, k], new[i, c, k]
-    columns = {"record": keys} if saved.are_values else {"record": keys, abscissa: values[abscissa]}
+    result = pd.DataFrame({"record": keys} if saved.are_values else {"record": keys, abscissa: values[abscissa]})
     for channel in channels:
-        for k, ending in enumerate(("", "_sd", "_sd_new")):
-            columns[channel + ending] = found[channel][k]
-    result = pd.DataFrame(columns)
+        result[channel], result[f"{channel}_sd"], result[f"{channel}_sd_new"] = found[channel]
     result.attrs["notes"] = tuple(dict.fromkeys([*saved.notes, *notes]))
     result.attrs["settings"] = {key: {n: float(v[k]) for n, v in settings.items()}
                                 for k, (key, _) in enumerate(groups)}
@@ -403,7 +392,7 @@ def average_predictions(tables: Sequence[pd.DataFrame], weights: Sequence[float]
 
     Returns:
         A table of the same columns: `<channel>` is the mean of the means, the square of `<channel>_sd` (and of
-        `<channel>_sd_new`) the mean of the squares plus the spread of the means.
+        `<channel>_sd_new`) the mean of the squares plus the spread of the means; `attrs["notes"]` holds those of all.
     """
     result, w = tables[0].copy(), np.asarray(weights, dtype=float)[:, None]
     for channel in [name.removesuffix("_sd_new") for name in result.columns if name.endswith("_sd_new")]:
@@ -414,6 +403,7 @@ def average_predictions(tables: Sequence[pd.DataFrame], weights: Sequence[float]
         for ending in ("_sd", "_sd_new"):
             own = np.stack([table[channel + ending].to_numpy(dtype=float) for table in tables])
             result[channel + ending] = np.sqrt((w * own**2).sum(axis=0) + spread)
+    result.attrs["notes"] = tuple(dict.fromkeys(note for table in tables for note in table.attrs.get("notes", ())))
     return result
 
 
@@ -457,10 +447,7 @@ def predict_pulses(model: str | Path | FittedModel | AbstractFitted | ModelWeigh
     """
     if isinstance(model, ModelWeights) or is_average(model):
         _, models, weights = read_rivals(model)
-        tables = [predict_pulses(one, conditions) for one in models]
-        result = average_predictions(tables, weights)
-        result.attrs["notes"] = tuple(dict.fromkeys(note for table in tables for note in table.attrs["notes"]))
-        return result
+        return average_predictions([predict_pulses(one, conditions) for one in models], weights)
     saved, request = ask_model(model, conditions)
     if not saved.space.family.has_contact:
         raise InputError(f"the model is of {saved.family} records; peaks, durations and impulses are those of impacts")
@@ -471,12 +458,10 @@ def predict_pulses(model: str | Path | FittedModel | AbstractFitted | ModelWeigh
     values, deviations = _follow_pulses(saved, settings, keys)
     notes = [f"Record {key} is still in contact {format_time(values['last'][k])} after first touch, so it has no "
              "duration and no impulse." for k, key in enumerate(keys) if not np.isfinite(values[DURATION][k])]
-    columns: dict[str, object] = {"record": keys}
-    for name in UNITS:
-        if name in values:
-            own, new = deviations[name]
-            columns |= {name: values[name], f"{name}_sd": own, f"{name}_sd_new": new}
-    result = pd.DataFrame(columns)
+    result = pd.DataFrame({"record": keys})
+    for name in (name for name in UNITS if name in values):
+        result[name] = values[name]
+        result[f"{name}_sd"], result[f"{name}_sd_new"] = deviations[name]
     result.attrs["notes"] = tuple(notes)
     return result
 
@@ -544,13 +529,12 @@ def _measure_rows(saved: FittedModel, rows: list[tuple[int, np.ndarray, dict[str
 
 def format_pulses(table: pd.DataFrame) -> str:
     """The values for a terminal, each with the deviation of its mean and, in brackets, of a new test."""
-    shown = {"record": list(table["record"])}
-    for name in UNITS:
-        if name in table:
-            shown[f"{name} [{UNITS[name]}]"] = [
-                f"{v:.4g} ± {a:.2g} ({b:.2g})" if np.isfinite(v) else "–"
-                for v, a, b in zip(table[name], table[f"{name}_sd"], table[f"{name}_sd_new"], strict=True)]
-    return pd.DataFrame(shown).to_string(index=False)
+    shown = table[["record"]].copy()
+    for name in (name for name in UNITS if name in table):
+        shown[f"{name} [{UNITS[name]}]"] = [
+            f"{v:.4g} ± {a:.2g} ({b:.2g})" if np.isfinite(v) else "–"
+            for v, a, b in zip(table[name], table[f"{name}_sd"], table[f"{name}_sd_new"], strict=True)]
+    return shown.to_string(index=False)
 
 
 @dc.dataclass(frozen=True)
@@ -606,8 +590,7 @@ def describe_extrapolation(saved: FittedModel, keys: list[str], settings: dict[s
     pressure, loads = settings.get("initial_pressure"), settings.get("normal_load")
     if loads is not None and isinstance(saved.space.reference, RubberFriction):
         notes += [f"Some loads are outside the range of Eq. 10: {phrase}."
-                  for phrase in dict.fromkeys(map(describe_range, loads))
-                  if phrase]
+                  for phrase in dict.fromkeys(map(describe_range, loads)) if phrase]
     if pressure is not None and np.any(pressure == 0) and "gas" in saved.space.reference.provides:
         notes.append("Without gas (initial_pressure = 0) the ball of this model exerts no gas force.")
     return notes
