@@ -12,11 +12,10 @@ from ddetumble.contact.law import Ball
 from ddetumble.effects import SensorLag, SensorResonance
 from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.inference.stack import Records
-from ddetumble.selection.cross_validation import forecast
+from ddetumble.selection.cross_validation import compare_losses, forecast
 from ddetumble.selection.forward_selection import (
     FittedStep,
     Path,
-    compare_additions,
     could_have_shown,
     find_alternatives,
     fit_with_shapes,
@@ -143,7 +142,9 @@ def test_of_look_alikes_both_are_named():
     assert names == {"ripple", "echo"}
     for name, difference, error in path.steps[-1].alternatives:
         assert not path.selection.settings.is_beaten(difference, error)
-        assert (difference, error) == compare_additions(path.selection, path.steps[-1].tried, name)
+        last = path.steps[-1].tried
+        losses = [last.refined[effect].loss for effect in (name, last.order[0])]
+        assert (difference, error) == compare_losses(*losses, path.selection.groups)
     strong = search(3, {"ripple.a": 1.0})
     assert effects_of(strong) == ("ripple",) and strong.steps[-1].alternatives == ()
     easy = SelectionSettings(significant=2.0, decisive=2.0)
@@ -447,18 +448,6 @@ def test_alternatives_within_physics_alone():
     assert find_alternatives(dc.replace(selection, bases=()), tried, fitted) == ()
     # The best itself leaves a misfit, in which such a difference is no large one.
     assert selection.disperse(echo) > 2.0 and len(find_alternatives(selection, tried, fitted)) == 1
-
-
-def test_additions_are_compared_as_far_as_both_were_fitted():
-    """Both fitted to the end where both were, else as both were screened."""
-    selection, fitted = fit_toy(make_selection(1))
-    rough, fine = dc.replace(fitted, loss=fitted.loss + 5.0), dc.replace(fitted, loss=fitted.loss + 1.0)
-    tried = SimpleNamespace(order=("echo", "ripple"), screened={"echo": fitted, "ripple": rough},
-                            refined={"echo": fitted, "ripple": fine})
-    assert compare_additions(selection, tried, "ripple")[0] == pytest.approx(1.0 * len(fitted.loss))
-    for kept in ("echo", "ripple"):
-        part = SimpleNamespace(**{**vars(tried), "refined": {kept: fine}})
-        assert compare_additions(selection, part, "ripple")[0] == pytest.approx(5.0 * len(fitted.loss))
 
 
 def test_the_last_physical_step_is_kept():

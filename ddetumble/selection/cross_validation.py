@@ -142,10 +142,14 @@ def _find_early(records: Records, solution: Solution, share: float) -> np.ndarra
     return np.tile(early, (1, solution.residual.shape[1] // time.shape[1]))
 
 
-def compare_losses(loss: np.ndarray, best: np.ndarray, groups: np.ndarray) -> tuple[float, float]:
-    """Paired difference of two models' held-out losses, and its standard error over conditions (noise variances)."""
-    difference = loss - best
-    sums = np.array([difference[groups == g].sum() for g in np.unique(groups)])
+def compare_losses(loss: np.ndarray, best: np.ndarray, groups: np.ndarray | None = None) -> tuple[float, float]:
+    """Paired difference of two models' held-out losses, and its standard error over conditions (noise variances).
+
+    The losses are those of records with their conditions `groups`, or else of the conditions themselves.
+    """
+    sums = loss - best
+    if groups is not None:
+        sums = np.array([sums[groups == g].sum() for g in np.unique(groups)])
     n = len(sums)
     if n < 2:
         return float(sums.sum()), float("inf")

@@ -2,7 +2,7 @@
 
 import dataclasses as dc
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path as FilePath
 from typing import Any
@@ -35,7 +35,7 @@ from .forward_selection import (
 from .localise import fit_directions, locate
 from .missing.missing_force import describe_missing
 from .outliers import Cleaned, begin_cleaning, clean_records
-from .problem import Fitted, SelectionProblem, fit_reference, pose_selection
+from .problem import Fitted, SelectionProblem, Zeros, fit_reference, pose_selection
 from .result import MissingForce, Place
 from .series import nrmse
 from .settings import DEFAULT, SelectionSettings
@@ -73,9 +73,13 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     forget_programs()
     # One of the catalogue is tried anyway.
     effects = tuple(e for e in dict.fromkeys(effects) if e not in catalogue)
-    state, path = _select_from_clean(asked, campaign, effects, settings, keep_all, report)
+
+    def begin(campaign: Campaign, zeros: Zeros, reference=asked.reference, given=asked.effects):
+        return fit_reference(pose_selection(campaign, reference, effects, given, zeros, settings))
+
+    state, path = _select_from_clean(begin, begin_cleaning(campaign, keep_all, settings), settings, report)
     name, references = asked.name, ()
-    path, shared = _allow_bias(allow_scatter(path, report), asked, state, effects, report)
+    path, shared = _allow_bias(allow_scatter(path, report), begin, state, report)
     path = allow_wander(path, report)
     # A wrong unit that would explain what is odd about the campaign is asked about before any physics is named.
     questions = tuple(str(one) for one in check_plausibility(state.campaign) if one.mistakes)
@@ -83,7 +87,7 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     open_ended = len(path.steps[-1].fitted.effects) >= settings.effects_before_rivals or keep_physical(path)[1]
     if open_ended and not is_explained(path) and not questions:
         report("trying the other reference models", 0.88)
-        references = _try_references(asked, state, effects, path.steps[0].fitted, settings)
+        references = _try_references(asked, begin, state, path.steps[0].fitted, settings)
         # Where no condition can be left out, nothing confirms the effects beside another reference model: only one that
         # needs none of them counts. Of several the one with the fewest parameters.
         good = [r for r in references if is_explained(r.path)
@@ -100,12 +104,14 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     missing: MissingForce | str | None = None
     if verdict in ("improved", "unexplained"):
         missing = _draw_force(path, steps[0].fitted, beside, report)
-    irregular = isinstance(missing, MissingForce) and is_irregular(selection, steps[-1].fitted, missing)
-    if irregular:
-        verdict, where = "explained" if len(steps) > 1 else "nothing-missing", []
-    elif isinstance(missing, MissingForce) and verdict == "unexplained":
-        irregular = is_unrelated(selection, steps[-1].fitted, missing, where)
-        verdict = "undecided" if irregular else verdict
+    irregular = False
+    if isinstance(missing, MissingForce):
+        unrelated, judged = is_unrelated(selection, steps[-1].fitted, missing, where)
+        irregular = unrelated and (judged or verdict == "unexplained")
+        if irregular and judged:
+            verdict, where = "explained" if len(steps) > 1 else "nothing-missing", []
+        elif irregular:
+            verdict = "undecided"
     biases: list[SettingBias] = []
     if len(steps) > 1 and selection.holds_out:
         biases = [one for one in fit_biases(selection, steps[0].fitted, steps[-1].fitted) if not one.rejected
@@ -138,24 +144,23 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
                       notes=(*map(str, state.faults), *state.notes, *selection.warnings, *notes))
 
 
-def _select_from_clean(asked: ResolvedModel, campaign: Campaign, effects: Sequence[type[AbstractEffect]],
-                       settings: SelectionSettings, keep_all: bool, report: Progress) -> tuple[Cleaned, Path]:
+# Fits the reference model to a campaign with such moving zeros: the problem, and the fit.
+Begin = Callable[..., tuple[SelectionProblem, Fitted]]
+
+
+def _select_from_clean(begin: Begin, state: Cleaned, settings: SelectionSettings, report: Progress
+                       ) -> tuple[Cleaned, Path]:
     """Forward selection on the campaign without its faults; what is found to be one begins it again."""
-    state = begin_cleaning(campaign, keep_all, settings)
-
-    def begin(campaign):
-        return fit_reference(pose_selection(campaign, asked.reference, effects, asked.effects, state.zeros, settings))
-
     def search_again(campaign):
         report("looking behind a record", 0.87)
-        path = select_effects(*begin(campaign))
+        path = select_effects(*begin(campaign, state.zeros))
         last = path.steps[-1]
         return (path.selection, last.fitted) if last.lack.smooth_p_value > settings.level_each else None
 
     for turn in range(settings.rounds):
         final = turn == settings.rounds - 1
         report("fitting the reference model", 0.02)
-        selection, reference = begin(state.campaign)
+        selection, reference = begin(state.campaign, state.zeros)
         state, changed = clean_records(state, selection, reference)
         if changed and not final:
             continue
@@ -171,8 +176,7 @@ def _select_from_clean(asked: ResolvedModel, campaign: Campaign, effects: Sequen
     return state, path
 
 
-def _allow_bias(path: Path, asked: ResolvedModel, state: Cleaned, effects: Sequence[type[AbstractEffect]],
-                report: Progress) -> tuple[Path, SettingBias | None]:
+def _allow_bias(path: Path, begin: Begin, state: Cleaned, report: Progress) -> tuple[Path, SettingBias | None]:
     """The same search with an error of one setting that all records share, where that leaves no misfit; and that error.
 
     It is looked for beside the reference model and beside the last one, and then counts as one that the campaign
@@ -188,9 +192,7 @@ def _allow_bias(path: Path, asked: ResolvedModel, state: Cleaned, effects: Seque
     report("allowing for a setting that is wrong alike in all records", 0.872)
     column = dc.replace(state.campaign.conditions[seen.name], common=Uncertainty(relative=settings.bias))
     campaign = dc.replace(state.campaign, conditions={**state.campaign.conditions, seen.name: column})
-    found = select_effects(*fit_reference(pose_selection(campaign, asked.reference, effects, asked.effects, state.zeros,
-                                                         settings)))
-    found = allow_scatter(found, report)
+    found = allow_scatter(select_effects(*begin(campaign, state.zeros)), report)
     last = found.steps[-1]
     if last.lack.rejected:
         return path, None
@@ -262,28 +264,20 @@ def _weigh_steps(selection: SelectionProblem, steps: Sequence[FittedStep]
     return "improved", where, steps, final.fitted
 
 
-def is_irregular(selection: SelectionProblem, fitted: Fitted, missing: MissingForce) -> bool:
-    """Whether a misfit is none of a force's: no force of any variable removes more than a little of it on left-out
-    conditions, and nothing of it repeats over the records."""
-    if _measure_removed(missing) > selection.settings.little:
-        return False
-    p_value = selection.measure_repeats(fitted.solution)
-    return p_value is not None and p_value > selection.settings.repeats
+def is_unrelated(selection: SelectionProblem, fitted: Fitted, missing: MissingForce, where: Sequence[Place]
+                 ) -> tuple[bool, bool]:
+    """Whether a misfit is none of a force's, and whether the records show that it does not repeat over them.
 
-
-def is_unrelated(selection: SelectionProblem, fitted: Fitted, missing: MissingForce, where: Sequence[Place]) -> bool:
-    """Whether no force of any variable removes any of a misfit, or no more than a little of one without a period, and
-    nothing tells whether it repeats over the records: it may be noise that is not as stated, such as a gyroscope's
-    wandering bias."""
-    little = 0.0 if any(place.period for place in where) else selection.settings.little
-    return _measure_removed(missing) <= little and selection.measure_repeats(fitted.solution) is None
-
-
-def _measure_removed(missing: MissingForce) -> float:
-    """Share of a misfit that a force of any variable removes on left-out conditions."""
-    if missing.ceiling is None or not missing.shapes:
-        return 0.0
-    return (missing.model - missing.ceiling[1]) / max(missing.model - missing.floor, 1e-300)
+    No force of any variable removes more than a little of it on left-out conditions, and nothing of it repeats. Where
+    that cannot be judged it may be noise that is not as stated, such as a gyroscope's wandering bias, unless it has a
+    period and a force removes any of it.
+    """
+    removed, limits, repeats = 0.0, selection.settings, selection.measure_repeats(fitted.solution)
+    if missing.ceiling is not None and missing.shapes:
+        removed = (missing.model - missing.ceiling[1]) / max(missing.model - missing.floor, 1e-300)
+    if repeats is not None:
+        return removed <= limits.little and repeats > limits.repeats, True
+    return removed <= (0.0 if any(place.period for place in where) else limits.little), False
 
 
 def list_exact(campaign: Campaign) -> list[str]:
@@ -313,8 +307,8 @@ class Reference:
                 "chi2": last.solution.chi2}
 
 
-def _try_references(asked: ResolvedModel, state: Cleaned, effects: Sequence[type[AbstractEffect]], own: Fitted,
-                    settings: SelectionSettings) -> tuple[Reference, ...]:
+def _try_references(asked: ResolvedModel, begin: Begin, state: Cleaned, own: Fitted, settings: SelectionSettings
+                    ) -> tuple[Reference, ...]:
     """Forward selection beside every other built-in reference model of the family that fits about as well by itself as
     the one that was asked for, whose fit is `own`."""
     def identify(reference):  # what makes two reference models one
@@ -326,8 +320,7 @@ def _try_references(asked: ResolvedModel, state: Cleaned, effects: Sequence[type
         if not built.rival or identify(reference) in known:
             continue
         try:
-            selection, alone = fit_reference(pose_selection(state.campaign, reference, effects, (), state.zeros,
-                                                            settings))
+            selection, alone = begin(state.campaign, state.zeros, reference, ())
         except (ComputationError, InputError):
             continue
         one, other, rows = own.solution, alone.solution, selection.samples

@@ -343,13 +343,6 @@ def fits_better(one: Fitted, best: Fitted, before: Fitted, settings: SelectionSe
     return costs[1] - costs[2] > max(settings.decisive, settings.better_fit * (costs[0] - costs[1]))
 
 
-def compare_additions(selection: SelectionProblem, tried: CandidateFits, effect: str) -> tuple[float, float]:
-    """Paired cross-validated difference of an addition from the best one, and its standard error (noise variances)."""
-    best = tried.order[0]
-    fits = tried.refined if effect in tried.refined and best in tried.refined else tried.screened
-    return compare_losses(fits[effect].loss, fits[best].loss, selection.groups)
-
-
 def find_alternatives(selection: SelectionProblem, tried: CandidateFits, current: Fitted
                       ) -> tuple[tuple[str, float, float], ...]:
     """Every other effect that the best does not beat in cross-validation, with the paired difference.
@@ -363,7 +356,7 @@ def find_alternatives(selection: SelectionProblem, tried: CandidateFits, current
         other = tried.refined.get(effect)
         if other is None or other.solution is current.solution or is_beyond(selection, current, other):
             continue
-        difference, error = compare_additions(selection, tried, effect)
+        difference, error = compare_losses(other.loss, best.loss, selection.groups)
         beaten = selection.settings.is_beaten(difference / unit, error / unit)
         if not beaten or fits_better(other, best, current, selection.settings):
             close.append((effect, difference, error))

@@ -63,7 +63,7 @@ def _find_worst(selection: SelectionProblem, fitted: Fitted, out: set[int]) -> S
         loss = leave_out(solution, np.arange(selection.records.count))
         order = list(dict.fromkeys((*order[:limits.candidates], max(kept, key=lambda r: loss[r]))))
     # Without the culprit the others agree best.
-    aside, *others = sorted((set_aside(selection, solution, r, out) for r in order), key=_left_to_others)
+    aside, *others = sorted((set_aside(selection, solution, r, out) for r in order), key=lambda one: one.rest.excess)
     if len(kept) <= limits.fewest and any(a.rest.excess < limits.far * max(aside.rest.excess, 1.0) for a in others):
         return None  # nobody can say which of them is wrong
     usual = max(max(m.excess for m in aside.others.values()), 1.0)
@@ -78,10 +78,6 @@ def _find_worst(selection: SelectionProblem, fitted: Fitted, out: set[int]) -> S
     if not sure and not fine:
         return None
     return Suspect(selection.records.keys[aside.record], sure, diagnosis, aside, enclosed)
-
-
-def _left_to_others(aside: Aside) -> float:
-    return aside.rest.total / max(aside.rest.degrees, 1)
 
 
 def is_enclosed(selection: SelectionProblem, aside: Aside) -> bool:
@@ -148,7 +144,7 @@ def find_culprit(selection: SelectionProblem, fitted: Fitted, search: Search) ->
     found = {r: measure_record(selection, fitted.solution, r) for r in range(count)}
     excess = sum(m.total - m.degrees for m in found.values())
     likely = sorted(found, key=lambda r: found[r].degrees - found[r].total)[:limits.candidates]
-    aside = min((set_aside(selection, fitted.solution, r) for r in likely), key=_left_to_others)
+    aside = min((set_aside(selection, fitted.solution, r) for r in likely), key=lambda one: one.rest.excess)
     left = aside.rest.total - aside.rest.degrees
     if aside.own.p_value * count > limits.p_value or left > (1.0 - limits.removed) * excess:
         return None

@@ -209,8 +209,7 @@ class SelectionProblem:
         """
         problem = self.thin if (screening or thinned) and self.thin is not None else self.problem
         freed = [n for n in self.freed if n.split(".")[0] in effects]
-        free = [*self.base, *(n for e in effects for n in self.space.of([e])), *freed, *extra]
-        best = None
+        free, best = [*self.base, *(n for e in effects for n in self.space.of([e])), *freed, *extra], None
         jobs = [(problem.solve, o, s, z) for o in self.list_origins(base) for s in starts]
         if self.lost:
             jobs += [(partial(solve_progressively, problem), self.guess, s, None) for s in starts]
@@ -311,12 +310,11 @@ def _stack(campaign: Campaign, space: ParameterSpace, noise: Mapping[str, Noise]
            settings: SelectionSettings, spread: Mapping[str, float],
            priors: Mapping[str, tuple[float, float]] | None = None) -> tuple[Records, Problem, Problem | None]:
     """All samples, and thinned records on which many candidates are tried."""
-    most = settings.screening_samples
-    records = widen_settings(stack_records(campaign, noise, zeros=zeros), spread)
-    if records.lengths.max() <= most:
-        return records, Problem(space, records, priors), None
-    thin = widen_settings(stack_records(campaign, noise, most, zeros), spread)
-    return records, Problem(space, records, priors), Problem(space, thin, priors)
+    def stack(most: int | None) -> Problem:
+        return Problem(space, widen_settings(stack_records(campaign, noise, most, zeros), spread), priors)
+
+    whole, most = stack(None), settings.screening_samples
+    return whole.records, whole, stack(most) if whole.records.lengths.max() > most else None
 
 
 def pose_selection(campaign: Campaign, reference: AbstractModel, extra: Sequence[type[AbstractEffect]] = (),
@@ -344,8 +342,7 @@ def pose_selection(campaign: Campaign, reference: AbstractModel, extra: Sequence
             raise InputError(f"the model's effect {effect.id!r} needs {', '.join(missing)}, which campaign "
                              f"{campaign.name!r} or the model does not have")
         for p in parameters_of(effect):
-            value = p.transform.from_field(float(getattr(effect, p.field)))
-            start[space.index[f"{effect.id}.{p.name}"]] = value
+            start[space.index[f"{effect.id}.{p.name}"]] = p.transform.from_field(float(getattr(effect, p.field)))
     taken = {type(effect) for effect in given}
     if fit_given:
         base += tuple(space.of([effect.id for effect in given]))

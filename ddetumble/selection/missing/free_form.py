@@ -442,13 +442,9 @@ class FreeBench:
         smaller = max((s for s in slots if s < wanted), default=0)
         return max(smaller + 1 - len(self.names) - count, 0)
 
-    def compare(self, one: np.ndarray, other: np.ndarray) -> tuple[float, float]:
-        """By how much `other` predicts left-out conditions better than `one`, and the standard error."""
-        return compare_losses(one, other, np.arange(len(one)))
-
     def helps(self, one: np.ndarray, other: np.ndarray) -> bool:
         """Whether the second predicts left-out conditions better, beyond chance."""
-        return self.selection.settings.is_beaten(*self.compare(one, other))
+        return self.selection.settings.is_beaten(*compare_losses(one, other))
 
 
 def cut(solution: Solution, count: int) -> Solution:

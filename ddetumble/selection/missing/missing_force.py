@@ -15,6 +15,7 @@ from ...inference.archive import Model, resolve_model
 from ...inference.assembly import default_starts, require_samples
 from ...measurement.campaign import Campaign
 from ...measurement.quantities import describe_quantity, format_quantity
+from ..cross_validation import compare_losses
 from ..forward_selection import try_effects
 from ..outliers import begin_cleaning, clean_records
 from ..problem import Fitted, SelectionProblem, fit_reference, pose_selection
@@ -42,7 +43,6 @@ LONE = 0.9  # share of the misfit in one condition, above which the others canno
 # Share of the misfit that a force has to remove for a law of it to be looked for: of less, the law would be a guess.
 WORTH = 0.2
 WHOLE = 0.9  # share that it removes where nothing but noise and details are left
-
 
 
 def draw_missing_force(campaign: Campaign | str | Path, model: Model = "paper", *,
@@ -119,7 +119,7 @@ def describe_missing(selection: SelectionProblem, reference: Fitted, beside: Fit
     bench = FreeBench(selection, beside)
     normals = bench.scan()
     drawn, ceiling = draw_forces(bench, normals, lambda text, share: report(text, 0.6 + 0.2 * share))
-    beaten = [selection.settings.is_beaten(*bench.compare(d.losses, drawn[0].losses)) for d in drawn]
+    beaten = [selection.settings.is_beaten(*compare_losses(d.losses, drawn[0].losses)) for d in drawn]
     alike = [d.wanted[0][0] for d, worse in zip(drawn[1:], beaten[1:], strict=True) if not worse]
     laws: list[Law] = []
     lone, top = find_lone(bench.before, selection), None
@@ -191,7 +191,7 @@ def _describe_shape(bench: FreeBench, drawn: Drawn, best: Drawn) -> Shape:
     begins = min((float(x[np.flatnonzero(~curve)[-1] + 1]) for curve in clear if curve[-1] and not curve.all()),
                  default=None)
     strongest = int(np.argmax([s[1].max(initial=0.0) for s in spectra]))
-    difference, error = bench.compare(drawn.losses, best.losses)
+    difference, error = compare_losses(drawn.losses, best.losses)
     unit = ("1" if term.way == "share" else "1/s") if share else bench.ground.unit
     return Shape(term.variable, term.way, term.parts, x, factor * f, factor * sd, visited, unit,
                  intervals, visible, drawn.loss, difference, error if drawn is not best else 0.0,

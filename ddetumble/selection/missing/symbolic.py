@@ -125,9 +125,9 @@ def find_laws(bench: FreeBench, normals: dict[str, Normal], terms: Sequence[Term
     excess = bench.model.solution.chi2 - bench.rows
     laws = order_laws([law for law, _ in fitted if bench.helps(bench.before, law.losses)
                        or (lone and law.chi2 < bench.rows + (1.0 - TAKEN) * excess)], settings)
-    compared = [_compare(law, laws[0]) for law in laws]
+    compared = [compare_losses(law.losses, laws[0].losses) for law in laws[1:]]
     return laws[:1] + [dc.replace(law, difference=difference, standard_error=error)
-                       for law, (difference, error) in zip(laws[1:], compared[1:], strict=True)]
+                       for law, (difference, error) in zip(laws[1:], compared, strict=True)]
 
 
 def order_laws(laws: Sequence[Law], settings: SelectionSettings = DEFAULT) -> list[Law]:
@@ -138,7 +138,7 @@ def order_laws(laws: Sequence[Law], settings: SelectionSettings = DEFAULT) -> li
     as a difference has to be in order to be significant.
     """
     ranked = sorted(laws, key=lambda law: law.loss + settings.significant * law.count)
-    near = [law for law in ranked if not settings.is_significant(*_compare(law, ranked[0]))]
+    near = [law for law in ranked if not settings.is_significant(*compare_losses(law.losses, ranked[0].losses))]
     first = min(near, key=lambda law: _cost(law, settings), default=None)
     return ranked if first is None else [first, *(law for law in ranked if law is not first)]
 
@@ -148,10 +148,6 @@ def find_rivals(laws: Sequence[Law], settings: SelectionSettings = DEFAULT) -> l
     return [law for law in laws[1:] if not settings.is_significant(law.difference, law.standard_error)
             and _cost(law, settings) - _cost(laws[0], settings) < settings.decisive
             and not law.text.startswith(laws[0].text + " + ")]
-
-
-def _compare(law: Law, best: Law) -> tuple[float, float]:
-    return compare_losses(law.losses, best.losses, np.arange(len(law.losses)))
 
 
 def _cost(law: Law, settings: SelectionSettings) -> float:
