@@ -14,7 +14,7 @@ from .._errors import ComputationError, InputError
 from .._sentences import Sentence, say
 from .._user_files import split_name
 from ..contact.effect import is_absent
-from ..families import Family, View, find_family, name_family, open_campaign
+from ..families import Family, find_family, name_family, open_campaign
 from ..inference.archive import FittedModel, Model, resolve_model, take_fitted
 from ..inference.estimation import fit
 from ..inference.files import make_plain, write_json
@@ -26,7 +26,7 @@ from .describe import describe_noise, measure_held, public_estimates
 from .lack_of_fit import is_moved, measure_shifts
 from .localise import residual_places
 from .problem import Fitted, PredictionError, SelectionProblem, fit_reference, pose_selection
-from .result import Estimate, LackOfFit, Place, SettingShift, Trace, list_shifts
+from .result import Estimate, LackOfFit, Place, SettingShift, Trace, list_fields, list_shifts
 from .sequential import Sequential, follow_records
 from .series import list_channels, make_traces, nrmse, split_error
 from .settings import DEFAULT
@@ -147,12 +147,9 @@ class Comparison(_Written):
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the traces, as JSON can hold it."""
-        plain = {}
-        for field in dc.fields(self):
-            value = getattr(self, field.name)
-            if field.name not in ("traces", "shifts", "heldout_squares", "heldout_losses", "groups"):
-                plain[field.name] = value.to_dict("records") if isinstance(value, pd.DataFrame) else value
-        return make_plain({**plain, "nuisances": list_shifts(self.shifts)})
+        plain = list_fields(self, "traces", "shifts", "heldout_squares", "heldout_losses", "groups")
+        rows = {name: table.to_dict("records") for name, table in plain.items() if isinstance(table, pd.DataFrame)}
+        return make_plain({**plain, **rows, "nuisances": list_shifts(self.shifts)})
 
 
 @dc.dataclass(frozen=True)
@@ -344,9 +341,7 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
                             for key, some in own_traces.items()]).assign(chi2_reduced=chi2 / np.maximum(used, 1))
     channels = pd.DataFrame([{"channel": channel, "unit": series[0].unit, **_errors(series)}
                              for channel, series in _split(traces).items()])
-    shifts, floor = measure_shifts(bench.records, solution), nrmse(traces, noise=True)
-    where = residual_places(bench, fitted)
-    held = measure_held(bench, solution) if is_moved(shifts) else None
+    shifts = measure_shifts(bench.records, solution)
     adjusted = predicted = PredictionError(np.full(len(keys), np.nan), float("nan"))
     if resolved.fitted and own is None:
         adjusted = PredictionError(split_error(bench.records, solution.channels), float("nan"))
@@ -354,20 +349,21 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
         adjusted, predicted = bench.predict(chosen, adjust=True), bench.predict(chosen)
     # What was fitted here, not before; all that these records chose counts as free.
     names = tuple((chosen if own is not None and not given else fitted).solution.names)
-    return Comparison(
-        campaign=campaign.name, title=campaign.title, sha256=campaign.sha256, model=name, fitted=names,
-        sentence=_tell(name, campaign, bench.family.view, traces, channels, records, where, lack, shifts, held, floor),
+    found = Comparison(
+        campaign=campaign.name, title=campaign.title, sha256=campaign.sha256, model=name, fitted=names, sentence="",
         lack_of_fit=lack, chi2_reduced=bench.reduce_chi2(chosen.solution),
-        nrmse=nrmse(traces), noise_nrmse=floor, channels=channels, records=records,
+        nrmse=nrmse(traces), noise_nrmse=nrmse(traces, noise=True), channels=channels, records=records,
         conditions=_tabulate_conditions(campaign, traces, bench.groups),
         residuals=bin_residuals(traces, dict(zip(keys, solution.end, strict=True)), campaign, bench.family),
-        parameters=public_estimates(bench, chosen.solution) if names else {}, where=tuple(where),
-        noise=describe_noise(bench), traces=traces, shifts=shifts, held_nrmse=held,
+        parameters=public_estimates(bench, chosen.solution) if names else {},
+        where=tuple(residual_places(bench, fitted)), noise=describe_noise(bench), traces=traces, shifts=shifts,
+        held_nrmse=measure_held(bench, solution) if is_moved(shifts) else None,
         notes=(*bench.warnings, *filter(None, [thinned])), effects=fitted.effects, heldout_nrmse=adjusted.nrmse,
         prediction_nrmse=predicted.nrmse, prediction_coverage=predicted.coverage, heldout_squares=adjusted.squares,
         heldout_losses=chosen.loss, groups=bench.groups,
         sequential=follow_records(bench.problem, solution, bench.bases, bench.noise),
         converged=chosen.solution.converged or own is not None, free=len(chosen.solution.names))
+    return dc.replace(found, sentence=_tell(found, campaign, bench.family))
 
 
 def _take_noise(bench: SelectionProblem, fitted: Fitted, saved: FittedModel) -> tuple[SelectionProblem, Fitted]:
@@ -502,21 +498,18 @@ def _bin(z: list[np.ndarray], pairs: list[tuple[np.ndarray, np.ndarray]]) -> lis
             for b in np.flatnonzero(n)]
 
 
-def _tell(model: str, campaign: Campaign, view: View, traces: Sequence[Trace], channels: pd.DataFrame,
-          records: pd.DataFrame, where: Sequence[Place], lack: LackOfFit, shifts: Sequence[SettingShift],
-          held: float | None, floor: float) -> Sentence:
+def _tell(found: Comparison, campaign: Campaign, family: Family) -> Sentence:
     """The outcome in words."""
-    ratio = float(np.sqrt(np.mean(channels["ratio"] ** 2)))
+    ratio, lack = float(np.sqrt(np.mean(found.channels["ratio"] ** 2))), found.lack_of_fit
     if not lack.rejected:
-        return say("verdict.agrees", model=repr(model), ratio=ratio, p=lack.p_value)
-    worst, place = records.loc[records["ratio"].idxmax()], None
+        return say("verdict.agrees", model=repr(found.model), ratio=ratio, p=lack.p_value)
+    worst, place = found.records.loc[found.records["ratio"].idxmax()], None
     settings = [f"{describe_quantity(name).name} {format_quantity(name, worst[name])}"
-                for name in find_family(name_family(campaign)).kind.conditions
-                if name in campaign.conditions and name != "sequence"]
-    sizes = dict(zip(channels["channel"], channels["ratio"], strict=True))
-    if where:
-        spot = max(where, key=lambda w: (sizes.get(w.channel, 0.0), w.share))
-        place = describe_place(spot, dc.replace(view, longest=find_longest(traces)))
-    level = {**describe_level(0.0, floor, shifts, held), "ratio": ratio}
-    return say("verdict.fails", model=repr(model), level=level, worst=worst["record"], settings=settings,
+                for name in family.kind.conditions if name in campaign.conditions and name != "sequence"]
+    sizes = dict(zip(found.channels["channel"], found.channels["ratio"], strict=True))
+    if found.where:
+        spot = max(found.where, key=lambda w: (sizes.get(w.channel, 0.0), w.share))
+        place = describe_place(spot, dc.replace(family.view, longest=find_longest(found.traces)))
+    level = {**describe_level(0.0, found.noise_nrmse, found.shifts, found.held_nrmse), "ratio": ratio}
+    return say("verdict.fails", model=repr(found.model), level=level, worst=worst["record"], settings=settings,
                ratio=float(worst["ratio"]), place=place)

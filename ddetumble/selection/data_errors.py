@@ -6,7 +6,7 @@ adhesive force) and is left to the catalogue. One that is off by another amount 
 """
 
 import dataclasses as dc
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from scipy import stats
@@ -106,9 +106,9 @@ def _try_samples(selection: SelectionProblem, aside: Aside) -> Hypotheses:
             "Look for interference or a loose contact.", far[:, :length])
 
 
-def _list_factors(unit: str) -> Iterator[tuple[str, float]]:
+def _list_factors(unit: str, decimal: Mapping[str, float] = DECIMAL) -> Iterator[tuple[str, float]]:
     """Factors by which a quantity in a mistaken unit is off, and what corrects it in words."""
-    for label, ratio in (RATIOS.get(unit, {}) | DECIMAL).items():
+    for label, ratio in (RATIOS.get(unit, {}) | dict(decimal)).items():
         yield f"divided by {label}: a mistaken unit", ratio
         yield f"multiplied by {label}: a mistaken unit", 1.0 / ratio
 
@@ -254,14 +254,12 @@ def find_rate_units(campaign: Campaign, settings: OutlierSettings = DEFAULT.outl
         if len(others) < FEWEST or not np.all(others) or (
                 np.median(np.abs(others / middle - 1.0)) > settings.kinematic_spread):
             continue
-        ratios = RATIOS["rad/s"] | {"1000": DECIMAL["1000"]}
-        words = [f"{word} by {label}" for label, ratio in ratios.items()
-                 for word, factor in (("divided", ratio), ("multiplied", 1.0 / ratio))
+        words = [words for words, factor in _list_factors("rad/s", {"1000": DECIMAL["1000"]})
                  if abs(slopes[key] * factor / middle - 1.0) < settings.kinematic_slack]
         if words:
             faults.append(Fault(
                 "unit", (key,), RATES[0], f"The rates of record {key} obey Euler's equations with the moments that "
-                f"all others show only if they are {words[0]}: a mistaken unit.", "It is left out.",
+                f"all others show only if they are {words[0]}.", "It is left out.",
                 "Correct the unit of that record.", left_out=True))
     return tuple(faults)
 

@@ -107,12 +107,10 @@ def describe_spread(selection: SelectionProblem) -> tuple[SettingSpread, ...]:
     """Settings that scatter more than stated, and how much."""
     deviations, found = np.asarray(selection.records.stack.condition_sd)[: selection.records.count], []
     for name, ratio in selection.spread.items():
-        wide = deviations[:, selection.records.nuisances.index(name)]
-        typical = 1.0
-        if name in selection.campaign.records:
+        relative, typical = name in selection.campaign.records, 1.0
+        if relative:
             typical = np.maximum(np.abs(selection.campaign.records[name].to_numpy(dtype=float)), 1e-300)
-        relative = name in selection.campaign.records
-        size = float(np.median(wide / typical))
+        size = float(np.median(deviations[:, selection.records.nuisances.index(name)] / typical))
         found.append(SettingSpread(name, size / ratio, size, ratio, relative))
     return tuple(found)
 
@@ -126,10 +124,8 @@ def describe_candidates(selection: SelectionProblem, grown: Sequence[FittedStep]
     reference, scores, rejected = grown[0].fitted, grown[0].scores, grown[0].lack.rejected
     fits, before = dict(tried.screened), tried.before
     if rejected:  # else nothing is missing, and nothing hangs on what is left to gain
-        if selection.thin is not None:
-            before = selection.extend(reference, (), thinned=True) or reference
-        else:
-            before = reference
+        thinned = None if selection.thin is None else selection.extend(reference, (), thinned=True)
+        before = thinned or reference
         fits = dict(map_threads(lambda e: (e, _finish(selection, grown, tried, before, e)), tried.order))
     best = min(fits.values(), key=lambda f: (f.thinned, f.merit))
     rivals: dict[bool, Fitted | None] = {best.thinned: best}

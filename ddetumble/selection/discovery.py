@@ -15,7 +15,7 @@ from ..measurement.faults import Fault
 from ..measurement.quantities import clean
 from .bias import SettingBias
 from .confidence import Confidence, find_confidence, list_allowances
-from .result import RESULT, RIVALS, Candidate, MissingForce, Place, SettingSpread, Step, list_shifts
+from .result import RESULT, RIVALS, Candidate, MissingForce, Place, SettingSpread, Step, list_fields, list_shifts
 from .settings import DEFAULT, SelectionSettings
 from .text import align, choose_view, format_candidates, format_steps, say_place, say_verdict, show_estimate, wrap
 
@@ -172,15 +172,15 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
         return make_plain({
             **{name: getattr(self, name) for name in names},
             "steps": [{
-                **_list_fields(s, "alternatives", "parameters", "correlations", "traces", "shifts"),
+                **list_fields(s, "alternatives", "parameters", "correlations", "traces", "shifts"),
                 "nuisances": list_shifts(s.shifts), "alternatives": [a["effect"] for a in s.alternatives],
                 "paired_differences": s.alternatives,
             } for s in self.steps],
             "candidates": [{
-                **_list_fields(c, "heldout_difference", "standard_error"),
+                **list_fields(c, "heldout_difference", "standard_error"),
                 "paired_difference": c.heldout_difference, "paired_standard_error": c.standard_error,
             } for c in self.candidates],
-            "where": [{k: v for k, v in _list_fields(w).items() if v is not None} for w in self.where],
+            "where": [{k: v for k, v in list_fields(w).items() if v is not None} for w in self.where],
             "parameters": last.parameters, "correlations": last.correlations, "nuisances": list_shifts(last.shifts),
             "lack_of_fit": self.steps[0].lack_of_fit, "setting_spread": self.spread,
             "setting_biases": self.biases, "shared_error": self.shared_error, "allowances": self.allowances,
@@ -188,8 +188,3 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
             "missing_force": self.missing and self.missing.to_dict(settings=False),
             "settings": {"level": self.settings.level, **self.counts, "thresholds": self.settings},
         })
-
-
-def _list_fields(record: Any, *left_out: str) -> dict[str, Any]:
-    """Fields of a record by name, but for some."""
-    return {f.name: getattr(record, f.name) for f in dc.fields(record) if f.name not in left_out}

@@ -224,54 +224,49 @@ def try_effects(selection: SelectionProblem, current: Fitted, scores: Sequence[S
     if selection.thin is not None:
         before = selection.extend(current, current.effects, screening=True) or current
     screened: dict[str, Fitted] = {}
-    far: dict[str, list[Fitted]] = {}
+    far: list[Fitted] = []
     done: list[str] = []
 
-    def one(job):
+    def begin(job):
         effect, start = job
         fitted = selection.fit((*current.effects, effect), [start], before.solution.u, before.solution.z,
                                screening=True)
         done.append(effect)
         report(f"refitting with {effect}", min(len(done) / count, 1.0))
-        return effect, fitted
+        return fitted
 
-    def go_on(job):
-        effect, fitted = job
-        return effect, selection.extend(fitted, fitted.effects, thinned=True)
+    def go_on(fitted):
+        return selection.extend(fitted, fitted.effects, thinned=True)
 
-    def fit_all(jobs, work=one):
-        for effect, fitted in map_threads(work, jobs):
-            if fitted is not None and not fitted.solution.converged and fitted.solution.chi2 > before.solution.chi2:
-                far.setdefault(effect, []).append(fitted)
-            if (fitted is not None and has_physical_sign(selection, fitted, effect)
+    def fit_all(jobs, work=begin):
+        for fitted in filter(None, map_threads(work, jobs)):
+            effect = fitted.effects[-1]
+            if not fitted.solution.converged and fitted.solution.chi2 > before.solution.chi2:
+                far.append(fitted)
+            if (has_physical_sign(selection, fitted, effect)
                     and (effect not in screened or fitted.solution.chi2 < screened[effect].solution.chi2)):
                 screened[effect] = fitted
 
     periodic = any(selection.find_effect(e).line is not None for e in effects)
     frequency = find_line(selection, current) if periodic else None
+    def is_above(effect, more=0.0):
+        return effect not in screened or screened[effect].solution.chi2 > before.solution.chi2 + more
+
     jobs = [(e, s) for e in effects for s in list_starts(selection, e, scores, frequency)]
     count = len(jobs)
     fit_all(jobs)
     # A second start, one Gauss-Newton step from the null, where the first led astray.
     linear = {s.effect: s for s in sorted(scores, key=lambda s: abs(s.z))}
     jobs = []
-    limit = before.solution.chi2 + selection.settings.astray
-    for effect in effects:
-        lost = effect not in screened or screened[effect].solution.chi2 > limit
-        if effect in linear and lost:
-            s = linear[effect]
-            if space.parameter(s.name).sign * s.step >= 0:
-                origin = s.shapes.get(s.name, float(selection.start[space.index[s.name]]))
-                jobs.append((effect, {**s.shapes, s.name: origin + s.step}))
+    for s in (linear[e] for e in effects if e in linear and is_above(e, selection.settings.astray)):
+        if space.parameter(s.name).sign * s.step >= 0:
+            origin = s.shapes.get(s.name, float(selection.start[space.index[s.name]]))
+            jobs.append((s.effect, {**s.shapes, s.name: origin + s.step}))
     fit_all(jobs)
     # What has not come below the model without the effect in a few steps may be on its way from far off.
-    limit = before.solution.chi2
-    jobs = [(effect, fitted) for effect, ended in far.items() for fitted in ended
-            if effect not in screened or screened[effect].solution.chi2 > limit]
-    fit_all(jobs, go_on)
-    for effect in effects:
-        if effect not in screened or screened[effect].solution.chi2 > before.solution.chi2:
-            screened[effect] = dc.replace(before, effects=(*current.effects, effect))
+    fit_all([fitted for fitted in far if is_above(fitted.effects[-1])], go_on)
+    for effect in filter(is_above, effects):
+        screened[effect] = dc.replace(before, effects=(*current.effects, effect))
     order = sorted(effects, key=lambda e: (screened[e].merit, screened[e].solution.chi2))
     refined = refine(selection, current, screened, before, order)
     beyond = {e: is_beyond(selection, current, refined[e]) for e in refined}

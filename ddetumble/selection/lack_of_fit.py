@@ -249,13 +249,12 @@ def family_p_value(scores: list[Score], noise: Mapping[str, Noise]) -> float:
     """Family-wise p-value of the largest squared score (Šidák; the noise level's own uncertainty widens it)."""
     if not scores:
         return 1.0
-    estimated = [n.degrees for n in noise.values() if n.degrees]
-    if estimated:  # Student's t of the score, under the noise that is not taken larger
-        known = min(estimated)
-        largest = max(s.z**2 for s in scores) * widen_by_student(known) ** 2
-        return correct_for_many(float(stats.f.sf(largest, 1, known)), len(scores))
-    widen = 1.0 + 2.0 * doubt_level(noise)
-    return correct_for_many(float(stats.chi2.sf(max(s.z**2 for s in scores) / widen, 1)), len(scores))
+    largest, known = max(s.z**2 for s in scores), min((n.degrees for n in noise.values() if n.degrees), default=None)
+    if known is None:
+        alone = stats.chi2.sf(largest / (1.0 + 2.0 * doubt_level(noise)), 1)
+    else:  # Student's t of the score, under the noise that is not taken larger
+        alone = stats.f.sf(largest * widen_by_student(known) ** 2, 1, known)
+    return correct_for_many(float(alone), len(scores))
 
 
 def correct_for_many(p_value: float, count: int) -> float:

@@ -76,8 +76,8 @@ class Request:
         return Request(self.keys[rows], values, True, self.notes)
 
 
-def read_request(conditions: str | Path | pd.DataFrame, saved: FittedModel, names: tuple[str, ...]) -> Request:
-    """Read what is wanted of a fitted model that reads conditions of these `names`, from a CSV file or a table like it.
+def read_request(conditions: str | Path | pd.DataFrame, saved: FittedModel) -> Request:
+    """Read what is wanted of a fitted model from a CSV file or a table like it.
 
     Raises:
         InputError: a column is missing or holds no numbers, a unit of another quantity, conditions that no test can
@@ -85,6 +85,7 @@ def read_request(conditions: str | Path | pd.DataFrame, saved: FittedModel, name
     """
     table = _from_frame(conditions) if isinstance(conditions, pd.DataFrame) else read_table(conditions)
     lines, family, abscissa = table.lines, saved.space.family, saved.space.family.independent
+    names = name_conditions(saved)
     headings = _name_columns(table, (*names, "record", abscissa))
     timed = abscissa in headings and not saved.are_values
     if timed and "record" not in headings:
@@ -194,11 +195,12 @@ def predict(model: str | Path | FittedModel | AbstractFitted | ModelWeights,
         ComputationError: the model could not be integrated there.
     """
     if not (isinstance(model, ModelWeights) or is_average(model)):
-        return _predict_model(model, conditions)
+        saved = take_fitted(model)
+        return _predict_model(saved, lay_times(saved, read_request(conditions, saved)))
     names, models, weights = read_rivals(model)
     # Where times are chosen, they are those of the model with the most weight.
-    saved, request = ask_model(models[int(np.argmax(weights))], conditions)
-    request = lay_times(saved, request)
+    saved = models[int(np.argmax(weights))]
+    request = lay_times(saved, read_request(conditions, saved))
     result = average_predictions([_predict_model(one, request) for one in models], weights)
     shares = ", ".join(f"{name} {weight:.2f}" for name, weight in zip(names, weights, strict=True))
     first = (f"The prediction is that of {names[0]}, which has all the weight of the rivals." if len(models) == 1 else
@@ -208,11 +210,8 @@ def predict(model: str | Path | FittedModel | AbstractFitted | ModelWeights,
     return result
 
 
-def _predict_model(model: str | Path | FittedModel | AbstractFitted,
-                   conditions: str | Path | pd.DataFrame | Request) -> pd.DataFrame:
-    """As `predict`, for a single model."""
-    saved, request = ask_model(model, conditions)
-    request = lay_times(saved, request)
+def _predict_model(saved: FittedModel, request: Request) -> pd.DataFrame:
+    """As `predict`, for a single model and at times that are given."""
     abscissa, keys, values = saved.space.family.independent, request.keys, request.values
     groups, settings = request.groups(), request.settings(name_conditions(saved))
     notes = [*request.notes, *describe_extrapolation(saved, [key for key, _ in groups], settings)]
@@ -247,15 +246,6 @@ def _predict_model(model: str | Path | FittedModel | AbstractFitted,
     result.attrs["settings"] = {key: {n: float(v[k]) for n, v in settings.items()}
                                 for k, (key, _) in enumerate(groups)}
     return result
-
-
-def ask_model(model: str | Path | FittedModel | AbstractFitted, conditions: str | Path | pd.DataFrame | Request
-              ) -> tuple[FittedModel, Request]:
-    """A fitted model, and what is wanted of it."""
-    saved = take_fitted(model)
-    if isinstance(conditions, Request):
-        return saved, conditions
-    return saved, read_request(conditions, saved, name_conditions(saved))
 
 
 def name_conditions(saved: FittedModel) -> tuple[str, ...]:
@@ -424,7 +414,7 @@ def read_rivals(average: str | Path | ModelWeights) -> tuple[list[str], list[Fit
 
 
 def predict_pulses(model: str | Path | FittedModel | AbstractFitted | ModelWeights,
-                   conditions: str | Path | pd.DataFrame | Request) -> pd.DataFrame:
+                   conditions: str | Path | pd.DataFrame) -> pd.DataFrame:
     r"""Peak force $\max F$, contact duration and impulse $\int F dt$ of impacts at new conditions.
 
     F is what the gauge reads. Deviations are propagated by differences of one standard deviation along the principal
@@ -448,7 +438,8 @@ def predict_pulses(model: str | Path | FittedModel | AbstractFitted | ModelWeigh
     if isinstance(model, ModelWeights) or is_average(model):
         _, models, weights = read_rivals(model)
         return average_predictions([predict_pulses(one, conditions) for one in models], weights)
-    saved, request = ask_model(model, conditions)
+    saved = take_fitted(model)
+    request = read_request(conditions, saved)
     if not saved.space.family.has_contact:
         raise InputError(f"the model is of {saved.family} records; peaks, durations and impulses are those of impacts")
     if saved.sampling is None:

@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from scipy.interpolate import BSpline
@@ -68,41 +67,6 @@ class Term:
     def size(self, intervals: int) -> int:
         """How many splines it takes."""
         return len(self.parts) * (intervals + DEGREE)
-
-
-def list_terms(ground: Ground, conditions: Mapping[str, np.ndarray], ranges: Mapping[str, tuple[float, float]],
-               backward: bool, reference: float) -> list[Term]:
-    """Terms that a campaign could show, over the ranges of the state's variables and the conditions of the records.
-
-    At `reference`, the force of which a direction is a share, a share's coefficient is in units of the force;
-    `backward` says whether both phases were visited.
-    """
-    unit = {name: np.eye(len(ground.directions))[k] / (reference if name in ground.shares else 1.0)
-            for k, name in enumerate(ground.directions)}
-    ways: list[tuple[str, tuple[str, ...], np.ndarray]] = []  # name, parts, directions of the parts
-    for way, gates in ground.gates.items():
-        own = np.stack([unit[gate] for gate in gates])
-        whole = (way, ("",), own.sum(axis=0, keepdims=True))
-        apart = (way, tuple(gate.split()[-1] for gate in gates), own)
-        if ground.unit == "N":
-            ways += [whole, apart] if backward else [whole]
-        else:
-            ways += [apart, whole] if way == "drag" else [apart]
-            ways += [(f"{way} about {gate}" if way == "torque" else gate, ("",), unit[gate][None]) for gate in gates]
-    found = []
-    for variable in ground.variables:
-        (low, high), finest = ranges[variable], FINEST.get(variable, USUAL)
-        for way, parts, directions in ways if high > low else []:
-            fits = [m for m in range(3, finest + 1) if finest % m == 0 and len(parts) * (m + DEGREE) <= COUNT]
-            phased = set(parts) & {"loading", "unloading"}
-            if fits and not (variable in ("depression_rate", "time") and phased):  # these tell the phases apart
-                found.append(Term(variable, way, parts, directions, low, high, max(fits), False))
-    for name, values in conditions.items():
-        low, high = float(values.min()), float(values.max())
-        if high - low > APART * max(abs(high), abs(low)):
-            found += [Term(name, way, parts, directions, low, high, FEW, True) for way, parts, directions in ways
-                      if len(parts) == 1 and way in ground.conditional]
-    return found
 
 
 def place_centres(term: Term, intervals: int) -> tuple[np.ndarray, float]:
@@ -168,12 +132,6 @@ def place_law(plan: dict[str, np.ndarray], ground: Ground, slot: int, variable: 
     plan[f"{PLAN}-law-form"][:, slot, FORMS.index(form)] = 1.0
     plan[f"{PLAN}-law-scale"][:, slot] = scale
     plan[f"{PLAN}-law-direction"][:, slot] = direction
-
-
-def with_plan(records: Records, plan: Mapping[str, np.ndarray]) -> Records:
-    """Records that carry a plan among their conditions."""
-    conditions: dict[str, Any] = {**records.stack.conditions, **{k: jnp.asarray(v) for k, v in plan.items()}}
-    return dc.replace(records, stack=eqx.tree_at(lambda s: s.conditions, records.stack, conditions))
 
 
 @dc.dataclass(frozen=True)
@@ -325,7 +283,7 @@ class FreeBench:
         self.before = hold_out(gather_normal(model.solution, None, self.groups), np.zeros(len(self.names)))
 
     def _list_terms(self) -> list[Term]:
-        """Terms that this campaign could show, over the ranges that the model visits."""
+        """Terms that this campaign could show, over the ranges that the model and the records' conditions visit."""
         solution, records, family, ground = self.model.solution, self.records, self.family, self.ground
         valid = (np.asarray(records.stack.weights)[: records.count] > 0).any(axis=1)
         state, rate = solution.state[valid], solution.state_rate[valid]
@@ -336,15 +294,43 @@ class FreeBench:
         for name in (n for n in ground.variables if n not in ranges):
             own = solution.channels[:, records.channels.index(name)][valid]
             ranges[name] = float(own.min()), float(own.max())
-        conditions = {name: np.asarray(x)[: records.count] for name, x in records.stack.conditions.items()
-                      if name not in family.starts and name in self.selection.campaign.records}
-        share = float(rate.max() if ground.base == family.rate else np.max(np.abs(solution.channels[:, 0])))
-        return list_terms(ground, conditions, ranges, family.has_contact or bool((rate < 0).any()), share)
+        # A share's coefficient is in units of the force of which it is one, at its largest.
+        force = float(rate.max() if ground.base == family.rate else np.max(np.abs(solution.channels[:, 0])))
+        unit = {name: np.eye(len(ground.directions))[k] / (force if name in ground.shares else 1.0)
+                for k, name in enumerate(ground.directions)}
+        ways: list[tuple[str, tuple[str, ...], np.ndarray]] = []  # name, parts, directions of the parts
+        for way, gates in ground.gates.items():
+            own = np.stack([unit[gate] for gate in gates])
+            whole = (way, ("",), own.sum(axis=0, keepdims=True))
+            apart = (way, tuple(gate.split()[-1] for gate in gates), own)
+            if ground.unit == "N":
+                both = family.has_contact or (rate < 0).any()
+                ways += [whole, apart] if both else [whole]
+            else:
+                ways += [apart, whole] if way == "drag" else [apart]
+                ways += [(f"{way} about {gate}" if way == "torque" else gate, ("",), unit[gate][None])
+                         for gate in gates]
+        found = []
+        for variable in ground.variables:
+            (low, high), finest = ranges[variable], FINEST.get(variable, USUAL)
+            for way, parts, directions in ways if high > low else []:
+                fits = [m for m in range(3, finest + 1) if finest % m == 0 and len(parts) * (m + DEGREE) <= COUNT]
+                phased = set(parts) & {"loading", "unloading"}
+                if fits and not (variable in ("depression_rate", "time") and phased):  # these tell the phases apart
+                    found.append(Term(variable, way, parts, directions, low, high, max(fits), False))
+        for name in (n for n in records.stack.conditions if n in self.selection.campaign.records):
+            values = np.asarray(records.stack.conditions[name])[: records.count]
+            low, high = float(values.min()), float(values.max())
+            if name not in family.starts and high - low > APART * max(abs(high), abs(low)):
+                found += [Term(name, way, parts, directions, low, high, FEW, True) for way, parts, directions in ways
+                          if len(parts) == 1 and way in ground.conditional]
+        return found
 
-    def build(self, wanted: Sequence[tuple[Term, int]], priors: dict[str, tuple[float, float]] | None = None
-              ) -> Problem:
-        """The compiled model with these terms."""
-        return Problem(self.space, with_plan(self.records, place_terms(self.ground, self.records, wanted)), priors)
+    def build(self, plan: Mapping[str, np.ndarray], priors: dict[str, tuple[float, float]] | None = None) -> Problem:
+        """The compiled model with the terms of a plan, which the records carry among their conditions."""
+        stack = self.records.stack
+        conditions: dict[str, Any] = {**stack.conditions, **{k: jnp.asarray(v) for k, v in plan.items()}}
+        return Problem(self.space, dc.replace(self.records, stack=dc.replace(stack, conditions=conditions)), priors)
 
     def scan(self, held: Drawn | None = None) -> dict[str, Normal]:
         """Normal equations of every term at its finest, by name, beside the model (and the terms already drawn)."""
@@ -363,7 +349,8 @@ class FreeBench:
         own, normals = len(self.names) + used, {}
         for pack in packs:
             # All coefficients, so that one program serves; the rest have no effect.
-            found = self.build((*wanted, *pack)).solve([*self.names, *self.coefficients], u, z, moving=False)
+            plan = place_terms(self.ground, self.records, (*wanted, *pack))
+            found = self.build(plan).solve([*self.names, *self.coefficients], u, z, moving=False)
             ends = own + np.cumsum([term.size(m) for term, m in pack])
             columns = np.split(found.shared[:, :, : ends[-1]], [own, *ends[:-1]], axis=2)[1:]
             for (term, _), more in zip(pack, columns, strict=True):
@@ -414,12 +401,13 @@ class FreeBench:
         names, idle = [*self.names, *self.coefficients[:count]], self.coefficients[count: count + self.padding(count)]
         u, z = (self.start.copy(), self.z) if held is None else (held.solution.u.copy(), held.solution.z)
         u[[self.space.index[n] for n in names[base:]]] = start[base:] * self.scale
+        plan = place_terms(self.ground, self.records, wanted)
         for trial in range(2):
             drawn = Drawn(tuple(wanted), tuple(deviations), self.model.solution, np.zeros(0), base)
             weight = drawn.weight
             priors = {n: (0.0, float(self.scale / w)) for n, w in zip(names[base:], weight[base:], strict=True)}
             try:
-                solution = cut(self.build(wanted, priors).solve([*names, *idle], u, z, tolerance=0.1, max_steps=STEPS),
+                solution = cut(self.build(plan, priors).solve([*names, *idle], u, z, tolerance=0.1, max_steps=STEPS),
                                len(names))
             except ComputationError:
                 return None

@@ -17,7 +17,7 @@ from scipy.linalg import block_diag
 from ..._errors import ComputationError
 from ..._numerics import map_threads
 from ...effects.free import blank_plan
-from ...inference.problem import Problem, Solution
+from ...inference.problem import Solution
 from ..cross_validation import compare_losses, leave_out
 from ..result import Estimate, Law, Shape
 from ..settings import DEFAULT, SelectionSettings
@@ -32,7 +32,6 @@ from .free_form import (
     place_law,
     smooth,
     solve_ridge,
-    with_plan,
 )
 
 
@@ -223,8 +222,8 @@ def _fit(bench: FreeBench, guesses: Sequence[_Guess]) -> Law | None:
     idle = bench.coefficients[: bench.padding(len(names))] if bench.records.stack.values.size < ALONE else ()
     try:
         priors = {n: PRIORS[letter] for n in names if (letter := n.split(".")[1][0]) in PRIORS}
-        solution = Problem(bench.space, with_plan(bench.records, plan), priors).solve(
-            [*bench.names, *names, *idle], u, bench.z, tolerance=0.1, max_steps=20)
+        free = [*bench.names, *names, *idle]
+        solution = bench.build(plan, priors).solve(free, u, bench.z, tolerance=0.1, max_steps=20)
     except ComputationError:
         return None
     if solution.failed or not np.isfinite(solution.chi2):
