@@ -21,8 +21,6 @@ from ddetumble.selection.forward_selection import (
     fit_with_shapes,
     has_physical_sign,
     is_beyond,
-    is_explained,
-    keep_physical,
     list_starts,
     list_unphysical,
     predicts_better,
@@ -66,7 +64,7 @@ def test_a_complete_model_is_rejected_at_the_stated_level():
 def test_nothing_is_added_to_a_complete_model():
     for seed in range(25):
         path = search(seed)
-        assert effects_of(path) == () and is_explained(path) and path.visible
+        assert effects_of(path) == () and path.is_explained() and path.visible
 
 
 @pytest.mark.parametrize(("truth", "expected"), [
@@ -78,7 +76,7 @@ def test_what_is_missing_is_found(truth, expected):
     """With its amplitude within four standard deviations, and a cross-validated error that falls at every step."""
     path = search(1, truth)
     last = path.steps[-1]
-    assert set(last.fitted.effects) == expected and not last.lack.rejected and is_explained(path)
+    assert set(last.fitted.effects) == expected and not last.lack.rejected and path.is_explained()
     solution = last.fitted.solution
     sd = np.sqrt(np.diag(solution.covariance()))
     for name, value in truth.items():
@@ -132,7 +130,7 @@ def test_what_no_effect_explains_stays():
     def spoil(values, conditions):
         values[:, 0] += 0.3 * np.sin(29.0 * TIME) * ((TIME > 0) & (TIME < 1)) * np.resize([1.0, -1.0], 8)[:, None]
     path = search(1, spoil=spoil)
-    assert effects_of(path) == () and path.steps[0].lack.rejected and not is_explained(path)
+    assert effects_of(path) == () and path.steps[0].lack.rejected and not path.is_explained()
 
 
 def test_of_look_alikes_both_are_named():
@@ -213,8 +211,8 @@ def test_values_beyond_physics():
     """A ripple of 3 N, where at most 2 N are allowed: the step is taken back, and said to lie beyond."""
     path = search(1, {"ripple.a": 3.0}, effects=(Ripple, Settling))
     assert effects_of(path) == ("ripple",)
-    steps, beyond = keep_physical(path)
-    assert len(steps) == 1 and len(beyond) == 1 and not is_explained(path)
+    steps, beyond = path.keep_physical()
+    assert len(steps) == 1 and len(beyond) == 1 and not path.is_explained()
     one = beyond[0]
     assert (one.name, one.limits, one.reason, one.unit) == ("ripple.a", (0.0, 2.0), "so much is known", "N")
     assert one.low < one.estimate < one.high and 2.0 < one.low and one.estimate == pytest.approx(3.0, abs=0.1)
@@ -224,7 +222,7 @@ def test_values_beyond_physics():
     fitted = path.steps[-1].fitted
     assert is_beyond(path.selection, path.steps[0].fitted, fitted) and not is_beyond(path.selection, fitted, fitted)
     inside = search(1, {"ripple.a": 1.9}, effects=(Ripple, Settling))
-    assert keep_physical(inside) == (inside.steps, ()) and is_explained(inside)
+    assert inside.keep_physical() == (inside.steps, ()) and inside.is_explained()
     assert list_unphysical(inside.selection, inside.steps[-1].fitted.solution) == ()
     # An echo may do what a ripple may not: what helps within its limits goes first.
     assert effects_of(search(1, {"ripple.a": 3.0}))[0] == "echo"
@@ -455,5 +453,5 @@ def test_the_last_physical_step_is_kept():
     selection, fitted = fit_toy(make_selection(1, {"ripple.a": 3.0, "settling.a": 0.4}))
     steps = tuple(make_step(selection, f) for f in (
         fitted, fit_with(selection, fitted, settling=0.3), fit_with(selection, fitted, settling=0.3, ripple=1.0)))
-    kept, beyond = keep_physical(Path(selection, steps, None, True))
+    kept, beyond = Path(selection, steps, None, True).keep_physical()
     assert kept == steps[:2] and [x.name for x in beyond] == ["ripple.a"]

@@ -22,16 +22,7 @@ from ..measurement.units import Uncertainty
 from .bias import SettingBias, find_bias, fit_biases
 from .describe import describe_candidates, describe_noise, describe_spread, describe_step, list_loose, make_fit
 from .discovery import Discovery
-from .forward_selection import (
-    FittedStep,
-    Path,
-    allow_scatter,
-    allow_wander,
-    extend_path,
-    is_explained,
-    keep_physical,
-    select_effects,
-)
+from .forward_selection import FittedStep, Path, allow_scatter, allow_wander, extend_path, select_effects
 from .localise import fit_directions, locate
 from .missing.missing_force import describe_missing
 from .outliers import Cleaned, begin_cleaning, clean_records
@@ -84,13 +75,13 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     # A wrong unit that would explain what is odd about the campaign is asked about before any physics is named.
     questions = tuple(str(one) for one in check_plausibility(state.campaign) if one.mistakes)
     # As many effects as may stand without other reference models explain nothing, or one beyond what physics allows.
-    open_ended = len(path.steps[-1].fitted.effects) >= settings.effects_before_rivals or keep_physical(path)[1]
-    if open_ended and not is_explained(path) and not questions:
+    open_ended = len(path.steps[-1].fitted.effects) >= settings.effects_before_rivals or path.keep_physical()[1]
+    if open_ended and not path.is_explained() and not questions:
         report("trying the other reference models", 0.88)
         references = _try_references(asked, begin, state, path.steps[0].fitted, settings)
         # Where no condition can be left out, nothing confirms the effects beside another reference model: only one that
         # needs none of them counts. Of several the one with the fewest parameters.
-        good = [r for r in references if is_explained(r.path)
+        good = [r for r in references if r.path.is_explained()
                 and (r.path.selection.holds_out or len(r.path.steps) == 1)]
         if good:
             better = min(good, key=lambda r: (len(r.last.solution.names), r.last.merit))
@@ -98,7 +89,7 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
         else:
             path = extend_path(path, settings.most_effects, report)
     selection = path.selection
-    steps, beyond = keep_physical(path)
+    steps, beyond = path.keep_physical()
     unphysical = (path.steps[len(steps)].fitted.effects, beyond) if beyond else None
     verdict, where, steps, beside = _decide(selection, steps, path.visible, bool(questions))
     missing: MissingForce | str | None = None

@@ -64,6 +64,17 @@ class Path:
     tried: CandidateFits  # every first addition
     visible: bool  # whether the campaign could have shown an effect
 
+    def keep_physical(self) -> tuple[tuple[FittedStep, ...], "tuple[Unphysical, ...]"]:
+        """The steps up to the last one that lies within physical limits, and what lay beyond them in the next."""
+        steps, beyond = self.steps, ()
+        while len(steps) > 1 and (now := list_unphysical(self.selection, steps[-1].fitted.solution)):
+            beyond, steps = now, steps[:-1]
+        return steps, beyond
+
+    def is_explained(self) -> bool:
+        """Whether no misfit is left within physical limits."""
+        return not self.keep_physical()[0][-1].lack.rejected
+
 
 def select_effects(selection: SelectionProblem, reference: Fitted, report: Progress = lambda text, share: None) -> Path:
     """Forward selection beside a fitted reference model, up to where other reference models are worth a try."""
@@ -555,16 +566,3 @@ def list_unphysical(selection: SelectionProblem, solution: Solution) -> tuple[Un
             found.append(Unphysical(name, value["estimate"], value["q025"], value["q975"], value["unit"], p.limits,
                                     p.limits_reason))
     return tuple(found)
-
-
-def keep_physical(path: Path) -> tuple[tuple[FittedStep, ...], tuple[Unphysical, ...]]:
-    """The steps up to the last one that lies within physical limits, and what lay beyond them in the next."""
-    steps, beyond = path.steps, ()
-    while len(steps) > 1 and (now := list_unphysical(path.selection, steps[-1].fitted.solution)):
-        beyond, steps = now, steps[:-1]
-    return steps, beyond
-
-
-def is_explained(path: Path) -> bool:
-    """Whether no misfit is left within physical limits."""
-    return not keep_physical(path)[0][-1].lack.rejected

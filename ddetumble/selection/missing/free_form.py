@@ -125,15 +125,6 @@ def place_terms(ground: Ground, records: Records, wanted: Sequence[tuple[Term, i
     return plan
 
 
-def place_law(plan: dict[str, np.ndarray], ground: Ground, slot: int, variable: str, form: str, direction: np.ndarray,
-              scale: float) -> None:
-    """Put a simple law into a slot of a plan."""
-    plan[f"{PLAN}-law-variable"][:, slot, list(ground.variables).index(variable)] = 1.0
-    plan[f"{PLAN}-law-form"][:, slot, FORMS.index(form)] = 1.0
-    plan[f"{PLAN}-law-scale"][:, slot] = scale
-    plan[f"{PLAN}-law-direction"][:, slot] = direction
-
-
 @dc.dataclass(frozen=True)
 class Normal:
     """Normal equations of every condition."""
@@ -332,6 +323,23 @@ class FreeBench:
         conditions: dict[str, Any] = {**stack.conditions, **{k: jnp.asarray(v) for k, v in plan.items()}}
         return Problem(self.space, dc.replace(self.records, stack=dc.replace(stack, conditions=conditions)), priors)
 
+    def fit(self, plan: Mapping[str, np.ndarray], names: Sequence[str], priors: dict[str, tuple[float, float]],
+            u: np.ndarray, z: np.ndarray, steps: int, idle: Sequence[str] = ()) -> Solution | None:
+        """Fit parameters of a plan's terms along with the model's, `idle` ones beside them; None where that fails."""
+        free = [*self.names, *names]
+        try:
+            found = self.build(plan, priors).solve([*free, *idle], u, z, tolerance=0.1, max_steps=steps)
+        except ComputationError:
+            return None
+        return None if found.failed or not np.isfinite(found.chi2) else cut(found, len(free))
+
+    def place_law(self, plan: dict[str, np.ndarray], slot: int, term: Term, form: str, direction: np.ndarray) -> None:
+        """Put a simple law of a term's variable into a slot of a plan, from 1."""
+        plan[f"{PLAN}-law-variable"][:, slot - 1, list(self.ground.variables).index(term.variable)] = 1.0
+        plan[f"{PLAN}-law-form"][:, slot - 1, FORMS.index(form)] = 1.0
+        plan[f"{PLAN}-law-scale"][:, slot - 1] = term.scale
+        plan[f"{PLAN}-law-direction"][:, slot - 1] = direction
+
     def scan(self, held: Drawn | None = None) -> dict[str, Normal]:
         """Normal equations of every term at its finest, by name, beside the model (and the terms already drawn)."""
         wanted, u, z = ((), self.start, self.z) if held is None else (held.wanted, held.solution.u, held.solution.z)
@@ -398,20 +406,16 @@ class FreeBench:
         the terms.
         """
         count, base = sum(term.size(m) for term, m in wanted), len(self.names)
-        names, idle = [*self.names, *self.coefficients[:count]], self.coefficients[count: count + self.padding(count)]
+        names, idle = self.coefficients[:count], self.coefficients[count: count + self.padding(count)]
         u, z = (self.start.copy(), self.z) if held is None else (held.solution.u.copy(), held.solution.z)
-        u[[self.space.index[n] for n in names[base:]]] = start[base:] * self.scale
+        u[[self.space.index[n] for n in names]] = start[base:] * self.scale
         plan = place_terms(self.ground, self.records, wanted)
         for trial in range(2):
             drawn = Drawn(tuple(wanted), tuple(deviations), self.model.solution, np.zeros(0), base)
             weight = drawn.weight
-            priors = {n: (0.0, float(self.scale / w)) for n, w in zip(names[base:], weight[base:], strict=True)}
-            try:
-                solution = cut(self.build(plan, priors).solve([*names, *idle], u, z, tolerance=0.1, max_steps=STEPS),
-                               len(names))
-            except ComputationError:
-                return None
-            if solution.failed or not np.isfinite(solution.chi2):
+            priors = {n: (0.0, float(self.scale / w)) for n, w in zip(names, weight[base:], strict=True)}
+            solution = self.fit(plan, names, priors, u, z, STEPS, idle)
+            if solution is None:
                 return None
             drawn = dc.replace(drawn, solution=solution)
             normal = self.gather(drawn)

@@ -21,16 +21,7 @@ from ..outliers import begin_cleaning, clean_records
 from ..problem import Fitted, SelectionProblem, fit_reference, pose_selection
 from ..result import Law, MissingForce, Shape
 from ..settings import DEFAULT, SelectionSettings
-from .free_form import (
-    Drawn,
-    FreeBench,
-    Term,
-    draw_forces,
-    evaluate_basis,
-    find_ground,
-    measure_visible,
-    spread_drawn,
-)
+from .free_form import Drawn, FreeBench, Term, draw_forces, evaluate_basis, find_ground, measure_visible, spread_drawn
 from .symbolic import find_laws, find_rivals
 
 

@@ -14,25 +14,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.linalg import block_diag
 
-from ..._errors import ComputationError
 from ..._numerics import map_threads
 from ...effects.free import blank_plan
 from ...inference.problem import Solution
 from ..cross_validation import compare_losses, leave_out
 from ..result import Estimate, Law, Shape
 from ..settings import DEFAULT, SelectionSettings
-from .free_form import (
-    FreeBench,
-    Normal,
-    Term,
-    cut,
-    evaluate_basis,
-    hold_out,
-    measure_ridge,
-    place_law,
-    smooth,
-    solve_ridge,
-)
+from .free_form import FreeBench, Normal, Term, evaluate_basis, hold_out, measure_ridge, smooth, solve_ridge
 
 
 REFINED = 5  # forms that are fitted to the end: the rest are behind by more than the screening errs
@@ -211,7 +199,7 @@ def _fit(bench: FreeBench, guesses: Sequence[_Guess]) -> Law | None:
     plan = blank_plan(bench.ground, bench.records.stack.time.shape[0])
     u, names, amount = bench.start.copy(), [], len(guesses)
     for slot, g in enumerate(guesses, 1):
-        place_law(plan, bench.ground, slot - 1, g.term.variable, g.form.kind, g.direction, g.term.scale)
+        bench.place_law(plan, slot, g.term, g.form.kind, g.direction)
         own = {"a": g.sizes[0] / (1.0 if slot == 1 else 4.0)}
         if g.form.kind == "sine":
             own["b"] = g.sizes[1]
@@ -220,15 +208,10 @@ def _fit(bench: FreeBench, guesses: Sequence[_Guess]) -> Law | None:
             u[bench.space.index[_name(bench, letter, slot)]] = value
         names += [_name(bench, letter, slot) for letter in own if letter in "ab" or letter in g.form.shapes]
     idle = bench.coefficients[: bench.padding(len(names))] if bench.records.stack.values.size < ALONE else ()
-    try:
-        priors = {n: PRIORS[letter] for n in names if (letter := n.split(".")[1][0]) in PRIORS}
-        free = [*bench.names, *names, *idle]
-        solution = bench.build(plan, priors).solve(free, u, bench.z, tolerance=0.1, max_steps=20)
-    except ComputationError:
+    priors = {n: PRIORS[letter] for n in names if (letter := n.split(".")[1][0]) in PRIORS}
+    solution = bench.fit(plan, names, priors, u, bench.z, 20, idle)
+    if solution is None:
         return None
-    if solution.failed or not np.isfinite(solution.chi2):
-        return None
-    solution = cut(solution, len(bench.names) + len(names))
     sd = dict(zip(solution.names, np.sqrt(np.diag(solution.covariance())), strict=True))
     if any(not sd[name] <= VAGUE for name in names if name.split(".")[1].startswith("l_")):
         return None
