@@ -1,5 +1,6 @@
 """The loop: compare, say where it fails, add the effect that helps, until nothing is missing or nothing helps."""
 
+import contextlib
 import dataclasses as dc
 import time
 from collections.abc import Callable, Sequence
@@ -59,17 +60,17 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     for effect in effects:
         require_effect(effect, instances=False)
     campaign = open_campaign(campaign)
-    catalogue = find_family(name_family(campaign), "discover").catalogue
+    kind = find_family(name_family(campaign), "discover")
     asked = resolve_model(model, name_family(campaign))
     forget_programs()
     # One of the catalogue is tried anyway.
-    effects = tuple(e for e in dict.fromkeys(effects) if e not in catalogue)
+    effects = tuple(e for e in dict.fromkeys(effects) if e not in kind.catalogue)
 
     def begin(campaign: Campaign, zeros: Zeros, reference=asked.reference, given=asked.effects):
         return fit_reference(pose_selection(campaign, reference, effects, given, zeros, settings))
 
     state, path = _select_from_clean(begin, begin_cleaning(campaign, keep_all, settings), settings, report)
-    name, references = asked.name, ()
+    name, others = asked.name, {}
     path, shared = _allow_bias(allow_scatter(path, report), begin, state, report)
     path = allow_wander(path, report)
     # A wrong unit that would explain what is odd about the campaign is asked about before any physics is named.
@@ -78,14 +79,14 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     open_ended = len(path.steps[-1].fitted.effects) >= settings.effects_before_rivals or path.keep_physical()[1]
     if open_ended and not path.is_explained() and not questions:
         report("trying the other reference models", 0.88)
-        references = _try_references(asked, begin, state, path.steps[0].fitted, settings)
+        others = _try_references(asked, begin, state, path.steps[0].fitted, settings)
         # Where no condition can be left out, nothing confirms the effects beside another reference model: only one that
         # needs none of them counts. Of several the one with the fewest parameters.
-        good = [r for r in references if r.path.is_explained()
-                and (r.path.selection.holds_out or len(r.path.steps) == 1)]
+        good = {n: other.steps[-1].fitted for n, other in others.items()
+                if other.is_explained() and (other.selection.holds_out or len(other.steps) == 1)}
         if good:
-            better = min(good, key=lambda r: (len(r.last.solution.names), r.last.merit))
-            path, name = better.path, better.name
+            name = min(good, key=lambda n: (len(good[n].solution.names), good[n].merit))
+            path = others[name]
         else:
             path = extend_path(path, settings.most_effects, report)
     selection = path.selection
@@ -125,7 +126,8 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
         sentence="", settings=settings, counts={
             "records": selection.records.count, "samples": int(selection.records.lengths.sum()),
             "conditions": count_conditions(campaign.records), "seconds": round(time.perf_counter() - began, 2)},
-        faults=state.faults, doubts=doubts, references=tuple(r.to_dict() for r in references),
+        faults=state.faults, doubts=doubts, references=tuple(
+            _describe_reference(n, kind.models[n].text, other.steps[-1]) for n, other in others.items()),
         spread=describe_spread(selection), irregular=irregular, biases=tuple(biases), shared_error=shared,
         missing=missing if isinstance(missing, MissingForce) and not irregular else None, made=made)
     family, left_out = selection.family, selection.left_out
@@ -277,31 +279,10 @@ def list_exact(campaign: Campaign) -> list[str]:
             if column.uncertainty is None and column.unit not in ("", "1") and len(set(campaign.records[name])) > 1]
 
 
-@dc.dataclass(frozen=True)
-class Reference:
-    """Another reference model: its name, what it is, and what forward selection found beside it."""
-
-    name: str
-    text: str
-    path: Path
-
-    @property
-    def last(self) -> Fitted:
-        """The fit of the last step."""
-        return self.path.steps[-1].fitted
-
-    def to_dict(self) -> dict[str, Any]:
-        """How far it came, as `result.json` has it."""
-        lack, last = self.path.steps[-1].lack, self.last
-        return {"model": self.name, "text": self.text, "effects": list(last.effects),
-                "parameters": len(last.solution.names), "rejected": lack.rejected, "p_value": lack.p_value,
-                "chi2": last.solution.chi2}
-
-
 def _try_references(asked: ResolvedModel, begin: Begin, state: Cleaned, own: Fitted, settings: SelectionSettings
-                    ) -> tuple[Reference, ...]:
+                    ) -> dict[str, Path]:
     """Forward selection beside every other built-in reference model of the family that fits about as well by itself as
-    the one that was asked for, whose fit is `own`."""
+    the one that was asked for, whose fit is `own`; by their names."""
     def identify(reference):  # what makes two reference models one
         return tuple(type(part) for part in parts_of(reference)), tuple(list_choices(reference).items())
 
@@ -317,12 +298,17 @@ def _try_references(asked: ResolvedModel, begin: Begin, state: Cleaned, own: Fit
         one, other, rows = own.solution, alone.solution, selection.samples
         same = abs(other.chi2 - one.chi2) <= settings.same_reference * one.chi2 and len(other.names) == len(one.names)
         if not same and other.chi2 - rows <= settings.farthest_reference * max(one.chi2 - rows, 1.0):
-            fitted.append((name, built.text, selection, alone))
+            fitted.append((name, selection, alone))
             known.append(identify(selection.space.reference))
-    found = []
-    for name, text, selection, alone in sorted(fitted, key=lambda one: one[3].merit)[:settings.rival_references]:
-        try:
-            found.append(Reference(name, text, select_effects(selection, alone)))
-        except ComputationError:
-            continue
-    return tuple(found)
+    found = {}
+    for name, selection, alone in sorted(fitted, key=lambda one: one[2].merit)[:settings.rival_references]:
+        with contextlib.suppress(ComputationError):
+            found[name] = select_effects(selection, alone)
+    return found
+
+
+def _describe_reference(name: str, text: str, step: FittedStep) -> dict[str, Any]:
+    """How far another reference model came, as `result.json` has it."""
+    solution = step.fitted.solution
+    return {"model": name, "text": text, "effects": list(step.fitted.effects), "parameters": len(solution.names),
+            "rejected": step.lack.rejected, "p_value": step.lack.p_value, "chi2": solution.chi2}
