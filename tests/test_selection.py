@@ -237,10 +237,11 @@ def test_a_held_shape_is_freed_where_that_predicts_better():
     assert solution.u[freed.selection.space.index["bump.q"]] == pytest.approx(3.0, abs=0.3)
     selection, fitted = fit_toy(make_selection(1, {"bump.a": 1.0, "bump.q": 3.0}))
     rough = fit_with(selection, fitted, bump=0.5)
-    assert "bump.q" in fit_with_shapes(selection, rough, "bump").solution.names
-    assert "bump.q" not in fit_with_shapes(selection.free(["bump.q"]).hold("bump.q"), rough, "ripple").solution.names
+    assert "bump.q" in fit_with_shapes(selection, rough, fitted, "bump").solution.names
+    held = selection.free(["bump.q"]).hold("bump.q")
+    assert "bump.q" not in fit_with_shapes(held, rough, fitted, "ripple").solution.names
     dear = dc.replace(selection, settings=SelectionSettings(significant=1e6))
-    assert "bump.q" not in fit_with_shapes(dear, fit_with(dear, fitted, bump=0.5), "bump").solution.names
+    assert "bump.q" not in fit_with_shapes(dear, fit_with(dear, fitted, bump=0.5), fitted, "bump").solution.names
 
 
 def make_step(selection, fitted):

@@ -1,6 +1,5 @@
 """Steps and candidates as plain records: errors, parameters, correlations, what each effect explains."""
 
-import dataclasses as dc
 from collections.abc import Sequence
 from typing import Any
 
@@ -184,14 +183,10 @@ def _finish(selection: SelectionProblem, grown: Sequence[FittedStep], tried: Can
     known = next((step.fitted for step in grown if step.fitted.effects == (effect,)), None)
     if known is not None:
         return known
-    full, none = effect in tried.refined, tried.before.solution
+    full = effect in tried.refined
     rough, start = (tried.refined[effect], grown[0].fitted) if full else (tried.screened[effect], before)
-    found = None
-    if rough.solution is not none and set(rough.solution.names) != set(grown[0].fitted.solution.names):
-        found = fit_with_shapes(selection, rough, effect, thinned=not full)
-    if found is None or found.solution.chi2 > start.solution.chi2:
-        return dc.replace(start, effects=(effect,))
-    return found
+    absent = rough.solution is tried.before.solution or set(rough.solution.names) == set(start.solution.names)
+    return fit_with_shapes(selection, None if absent else rough, start, effect, thinned=not full)
 
 
 def _list_detectable(selection: SelectionProblem, reference: Fitted, own: list[Score], count: int) -> dict[str, float]:

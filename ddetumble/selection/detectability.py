@@ -62,23 +62,24 @@ def find_size(problem: Problem, solution: Solution, origin: np.ndarray, name: st
         if found is None or found[0] <= 0.0:
             return None
         length, visible, column = found
+        tried = Signature(name, null + side * size, visible, column)
         if abs(length / goal - 1.0) < CLOSE:
-            return Signature(name, null + side * size, visible, column)
+            return tried
         power = 1.0
         if before is not None and before[0] != size and length != before[1]:
             power = float(np.clip(np.log(length / before[1]) / np.log(size / before[0]), 0.3, 3.0))
         before = (size, length)
         if length > goal and (enough is None or size < abs(enough.size - null)):
-            enough = Signature(name, null + side * size, visible, column)
+            enough = tried
         elif length < goal:
             short = max(short, size)
         new = size * (goal / length) ** (1.0 / power)
         if enough is not None and not short < new < abs(enough.size - null):  # a jump lies between them
             new = math.sqrt(max(short, 1e-3 * abs(enough.size - null)) * abs(enough.size - null))
         if new >= most and size >= 0.99 * most:
-            return Signature(name, math.nan, visible, column)
-        last, size = size, float(np.clip(new, LEAST * p.typical, most))
-    return Signature(name, null + side * last, visible, column) if abs(length / goal - 1.0) < NEAR else enough
+            return dc.replace(tried, size=math.nan)
+        size = float(np.clip(new, LEAST * p.typical, most))
+    return tried if abs(length / goal - 1.0) < NEAR else enough
 
 
 def reach_limit(p: Parameter) -> float:

@@ -310,20 +310,23 @@ def refine(selection: SelectionProblem, current: Fitted, screened: dict[str, Fit
     finalists += [e for e in moved if e not in finalists and selection.list_held(e)]
 
     def one(effect):
-        fitted = None
-        if screened[effect].solution is not before.solution:
-            fitted = fit_with_shapes(selection, screened[effect], effect)
-        if fitted is None or fitted.solution.chi2 > current.solution.chi2:
-            fitted = dc.replace(current, effects=(*current.effects, effect))
-        return effect, fitted
+        rough = None if screened[effect].solution is before.solution else screened[effect]
+        return effect, fit_with_shapes(selection, rough, current, effect)
 
     return dict(map_threads(one, finalists))
 
 
-def fit_with_shapes(selection: SelectionProblem, rough: Fitted, effect: str, thinned: bool = False) -> Fitted | None:
-    """Fit a model to the end, and with the held shapes of `effect` free where that predicts better."""
-    found = selection.extend(rough, rough.effects, thinned=thinned)
-    return found and (free_held(selection, found, effect, thinned) or found)
+def fit_with_shapes(selection: SelectionProblem, rough: Fitted | None, before: Fitted, effect: str,
+                    thinned: bool = False) -> Fitted:
+    """Fit a model to the end, and with the held shapes of `effect` free where that predicts better.
+
+    Where there is none, or it does not come below the model `before` without the effect, that counts as absent.
+    """
+    found = rough and selection.extend(rough, rough.effects, thinned=thinned)
+    found = found and (free_held(selection, found, effect, thinned) or found)
+    if found is None or found.solution.chi2 > before.solution.chi2:
+        return dc.replace(before, effects=(*before.effects, effect))
+    return found
 
 
 def free_held(selection: SelectionProblem, fitted: Fitted, effect: str, thinned: bool = False) -> Fitted | None:

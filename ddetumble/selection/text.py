@@ -150,8 +150,7 @@ def format_candidates(candidates: Sequence[Candidate], steps: Sequence[Step], ef
             why = ("but it fits these records better, so neither is settled" if beaten else
                    "this campaign cannot distinguish them")
             lines.append(wrap(f"{effect} instead of {q.clean(step.added, 34)}: the cross-validated loss differs by "
-                              f"{difference} "
-                              f"+- {error}; {why}", "  "))
+                              f"{difference} +- {error}; {why}", "  "))
     return "\n".join(lines)
 
 
