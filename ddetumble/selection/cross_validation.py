@@ -73,9 +73,8 @@ def predict_left_out(problem: Problem, solution: Solution, groups: np.ndarray, s
     """
     records, free_running = problem.records, problem.space.family.free_running
     samples, count = np.asarray(records.stack.time).shape[1], records.count
-    early = np.zeros((count, solution.residual.shape[1]), dtype=bool)
-    if free_running:
-        early = _find_early(records, solution, share)
+    early = (_find_early(records, solution, share) if free_running
+             else np.zeros((count, solution.residual.shape[1]), dtype=bool))
     u = np.broadcast_to(solution.u, (count, len(solution.u))).copy()
     z = solution.z.copy()
     columns = [problem.space.index[name] for name in solution.names]

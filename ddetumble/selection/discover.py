@@ -206,9 +206,8 @@ def _draw_force(path: Path, reference: Fitted, beside: Fitted, report: Progress)
         return ("The missing force was not drawn: it is known by what it removes on conditions that are left out, and "
                 "there are too few to leave one out.")
     best = tried.order[0]
-    again = selection.repeat(tried.refined[best]) if best in tried.refined else tried.screened[best]
     try:
-        return describe_missing(selection, reference, beside, (best, again.score),
+        return describe_missing(selection, reference, beside, (best, selection.repeat(tried.refined[best]).score),
                                 lambda text, share: report(text, 0.86 + 0.1 * share))
     except (ComputationError, InputError) as error:
         return f"The missing force could not be drawn: {error}."

@@ -22,7 +22,7 @@ from ..inference.goodness import combine_p_values, weigh_shifts
 from ..inference.noise import Noise, whitening_matrix, widen_by_student
 from ..inference.noise_estimation import list_spans, spline_columns
 from ..inference.problem import Problem, Solution
-from ..inference.setting_spread import follow_conditions
+from ..inference.setting_spread import follow_conditions, list_settings
 from ..inference.stack import Records, is_added
 from .result import LackOfFit, SettingShift
 from .settings import DEFAULT, SelectionSettings
@@ -62,9 +62,8 @@ def measure_smooth(problem: Problem, solution: Solution, bases: Sequence[sparse.
     total, degrees = 0.0, -float(solution.shared.shape[2])
     own = solution.own.shape[2]
     for r, basis in enumerate(bases):
-        dense = np.concatenate([
-            np.concatenate([solution.own[r], solution.shared[r], solution.residual[r, :, None]], axis=1),
-            np.concatenate([np.eye(own), np.zeros((own, solution.shared.shape[2])), solution.z[r, :, None]], axis=1)])
+        dense = np.block([[solution.own[r], solution.shared[r], solution.residual[r, :, None]],
+                          [np.eye(own), np.zeros((own, solution.shared.shape[2])), solution.z[r, :, None]]])
         rows = sparse.csr_matrix(basis)
         rows.resize(len(dense), np.shape(basis)[1])
         if problem.space.family.free_running:  # a tall matrix of many splines: its normal equations do
@@ -290,10 +289,8 @@ def measure_shifts(records: Records, solution: Solution, spread: Mapping[str, fl
     """
     found = []
     deviations = np.asarray(records.stack.condition_sd)[: records.count]
-    for k, name in enumerate(records.nuisances):
-        known = deviations[:, k] > 0
-        if name in records.starts or is_added(name) or not known.any():
-            continue
+    for k in list_settings(records):
+        name, known = records.nuisances[k], deviations[:, k] > 0
         ratio = (spread or {}).get(name, 1.0)
         moved = np.where(known, solution.z[:, k], 0.0) * ratio
         worst = int(np.argmax(np.abs(moved)))
@@ -311,7 +308,7 @@ def is_moved(shifts: Sequence[SettingShift], level: float = DEFAULT.level_each) 
 def hold_settings(problem: Problem, solution: Solution) -> Solution:
     """The same model fitted with every condition as it is written down; the time origin moves as before."""
     records = problem.records
-    moves = np.array([name == "time" or name in records.starts or ":" in name for name in records.nuisances])
+    moves = np.array([name == "time" or name in records.starts or is_added(name) for name in records.nuisances])
     held = replace_arrays(problem, condition_sd=records.stack.condition_sd * moves)
     return held.solve(solution.names, solution.u, solution.z * moves, tolerance=1e-2)
 

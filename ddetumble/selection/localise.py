@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from .._numerics import map_threads
-from ..contact.effect import AbstractEffect, parameters_of
+from ..contact.effect import parameters_of
 from .cross_validation import compare_losses
 from .lack_of_fit import Score, score_directions
 from .problem import Fitted, SelectionProblem
@@ -27,24 +27,20 @@ def fit_directions(selection: SelectionProblem, base: Fitted, scores: Sequence[S
         own = sorted((s for s in scores if s.effect == direction.id), key=lambda s: -abs(s.z))
         line = getattr(direction, "line", None)
         if line is not None:
-            frequency = (scan_line(selection, base, direction) if selection.family.free_running
-                         else find_line(selection, base))
+            sizes = {f"{direction.id}.{p.name}": 0.3 * p.typical
+                     for p in parameters_of(direction) if p.kind != "shape"}
+            frequency = (scan_line(selection, base, [(direction.id, name, line) for name in sizes])
+                         if selection.family.free_running else find_line(selection, base))
             if frequency:
-                sizes = {f"{direction.id}.{p.name}": 0.3 * p.typical
-                         for p in parameters_of(direction) if p.kind != "shape"}
                 jobs.append((direction.id, {line: float(np.log(frequency)), **sizes}))
             continue
         for s in own[: 3 if hasattr(direction, "onset") else 1]:
             jobs.append((direction.id, {**s.shapes, s.name: selection.start[selection.space.index[s.name]] + s.step}))
 
-    def one(job):
-        name, start = job
-        return name, selection.fit((*base.effects, name), [start], base.solution.u, base.solution.z)
-
-    best: dict[str, Fitted] = {}
-    for direction, fitted in map_threads(one, jobs):
-        if fitted is not None and (direction not in best or fitted.solution.chi2 < best[direction].solution.chi2):
-            best[direction] = fitted
+    fits = map_threads(lambda job: selection.fit((*base.effects, job[0]), [job[1]], base.solution.u, base.solution.z),
+                       jobs)
+    # Of every direction the last one, which fits best.
+    best = {fitted.effects[-1]: fitted for fitted in sorted(filter(None, fits), key=lambda one: -one.solution.chi2)}
     return dict(sorted(best.items(), key=lambda item: item[1].score))
 
 
@@ -80,26 +76,22 @@ def find_line(selection: SelectionProblem, fitted: Fitted) -> float | None:
     return float(grid[k]) if power[k] > 3.0 * np.median(power) else None
 
 
-def scan_line(selection: SelectionProblem, fitted: Fitted, direction: type[AbstractEffect]) -> float | None:
+def scan_line(selection: SelectionProblem, fitted: Fitted, amplitudes: Sequence[tuple[str, str, str]]) -> float | None:
     """Frequency at which a torque that repeats in time would take most of the misfit of tumbling records [Hz].
 
-    The motion turns a line into several, so that every frequency is tried: the efficient scores of all amplitudes
-    together.
+    The motion turns a line into several, so that every frequency is tried: the efficient scores of all `amplitudes`
+    together, each an effect, its name and that of its frequency.
     """
     problem = selection.problem if selection.thin is None else selection.thin
     time = np.asarray(problem.records.stack.time)[: problem.records.count]
-    line = direction.line
-    if line is None:
-        return None
-    names = [f"{direction.id}.{p.name}" for p in parameters_of(direction) if p.kind != "shape"]
     longest, interval = float(np.max(np.ptp(time, axis=1))), float(np.median(np.diff(time[0, : 64])))
     grid = np.arange(1.0, min(2.0 * longest * 0.4 / interval, SCANNED)) * 0.5 / longest
     solution = problem.solve(fitted.solution.names, fitted.solution.u, fitted.solution.z, moving=False)
-    wanted = [(direction.id, name, {line: float(np.log(f))}) for f in grid for name in names]
+    wanted = [(effect, name, {line: float(np.log(f))}) for f in grid for effect, name, line in amplitudes]
     scores = score_directions(problem, solution, wanted)
     power = np.zeros(len(grid))
     for k in range(len(grid)):
-        own = [s for s in scores[k * len(names): (k + 1) * len(names)] if s.information > 0]
+        own = [s for s in scores[k * len(amplitudes): (k + 1) * len(amplitudes)] if s.information > 0]
         among, z = np.array([s.cosines[[t.place for t in own]] for s in own]), np.array([s.z for s in own])
         power[k] = float(z @ np.linalg.pinv(among, rcond=1e-6) @ z) if own else 0.0
     k = int(np.argmax(power))
