@@ -324,9 +324,15 @@ class FreeBench:
         return Problem(self.space, dc.replace(self.records, stack=dc.replace(stack, conditions=conditions)), priors)
 
     def fit(self, plan: Mapping[str, np.ndarray], names: Sequence[str], priors: dict[str, tuple[float, float]],
-            u: np.ndarray, z: np.ndarray, steps: int, idle: Sequence[str] = ()) -> Solution | None:
-        """Fit parameters of a plan's terms along with the model's, `idle` ones beside them; None where that fails."""
-        free = [*self.names, *names]
+            u: np.ndarray, z: np.ndarray, steps: int, padded: bool = True) -> Solution | None:
+        """Fit parameters of a plan's terms along with the model's; None where that fails.
+
+        Where it is `padded`, idle coefficients make it a fit of the program that is compiled already.
+        """
+        free, idle = [*self.names, *names], [name for name in self.coefficients if name not in names]
+        wanted = next(s for s in self.family.slots if len(self.names) + COUNT <= s)
+        smaller = max((s for s in self.family.slots if s < wanted), default=0)
+        idle = idle[: max(smaller + 1 - len(free), 0)] if padded else []
         try:
             found = self.build(plan, priors).solve([*free, *idle], u, z, tolerance=0.1, max_steps=steps)
         except ComputationError:
@@ -406,7 +412,7 @@ class FreeBench:
         the terms.
         """
         count, base = sum(term.size(m) for term, m in wanted), len(self.names)
-        names, idle = self.coefficients[:count], self.coefficients[count: count + self.padding(count)]
+        names = self.coefficients[:count]
         u, z = (self.start.copy(), self.z) if held is None else (held.solution.u.copy(), held.solution.z)
         u[[self.space.index[n] for n in names]] = start[base:] * self.scale
         plan = place_terms(self.ground, self.records, wanted)
@@ -414,7 +420,7 @@ class FreeBench:
             drawn = Drawn(tuple(wanted), tuple(deviations), self.model.solution, np.zeros(0), base)
             weight = drawn.weight
             priors = {n: (0.0, float(self.scale / w)) for n, w in zip(names, weight[base:], strict=True)}
-            solution = self.fit(plan, names, priors, u, z, STEPS, idle)
+            solution = self.fit(plan, names, priors, u, z, STEPS)
             if solution is None:
                 return None
             drawn = dc.replace(drawn, solution=solution)
@@ -426,13 +432,6 @@ class FreeBench:
                 return dc.replace(drawn, losses=options[1.0])
             deviations, u, z = [d * best for d in deviations], solution.u, solution.z
         return None
-
-    def padding(self, count: int) -> int:
-        """How many idle coefficients make a fit of `count` parameters one of the program that is compiled already."""
-        slots = self.family.slots
-        wanted = next(s for s in slots if len(self.names) + COUNT <= s)
-        smaller = max((s for s in slots if s < wanted), default=0)
-        return max(smaller + 1 - len(self.names) - count, 0)
 
     def helps(self, one: np.ndarray, other: np.ndarray) -> bool:
         """Whether the second predicts left-out conditions better, beyond chance."""

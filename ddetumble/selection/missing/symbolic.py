@@ -197,7 +197,7 @@ def evaluate(form: Form, x: np.ndarray, shape: dict[str, float], scale: float) -
 def _fit(bench: FreeBench, guesses: Sequence[_Guess]) -> Law | None:
     """Fit laws together inside the equation of motion; None where that failed."""
     plan = blank_plan(bench.ground, bench.records.stack.time.shape[0])
-    u, names, amount = bench.start.copy(), [], len(guesses)
+    u, names = bench.start.copy(), []
     for slot, g in enumerate(guesses, 1):
         bench.place_law(plan, slot, g.term, g.form.kind, g.direction)
         own = {"a": g.sizes[0] / (1.0 if slot == 1 else 4.0)}
@@ -207,9 +207,8 @@ def _fit(bench: FreeBench, guesses: Sequence[_Guess]) -> Law | None:
         for letter, value in own.items():
             u[bench.space.index[_name(bench, letter, slot)]] = value
         names += [_name(bench, letter, slot) for letter in own if letter in "ab" or letter in g.form.shapes]
-    idle = bench.coefficients[: bench.padding(len(names))] if bench.records.stack.values.size < ALONE else ()
     priors = {n: PRIORS[letter] for n in names if (letter := n.split(".")[1][0]) in PRIORS}
-    solution = bench.fit(plan, names, priors, u, bench.z, 20, idle)
+    solution = bench.fit(plan, names, priors, u, bench.z, 20, bench.records.stack.values.size < ALONE)
     if solution is None:
         return None
     sd = dict(zip(solution.names, np.sqrt(np.diag(solution.covariance())), strict=True))
@@ -225,7 +224,7 @@ def _fit(bench: FreeBench, guesses: Sequence[_Guess]) -> Law | None:
     loss, parameters = leave_out(solution, bench.groups), {}
     losses = np.array([loss[bench.groups == g].sum() for g in np.unique(bench.groups)])
     for slot, g in enumerate(guesses, 1):
-        mark = "" if amount == 1 else f" {slot}"
+        mark = "" if len(guesses) == 1 else f" {slot}"
         parameters |= _publish(bench, solution, g, slot, mark)
         x = np.linspace(g.term.low, g.term.high, 201)
         if g.term.way == "share" and np.min(_draw(g.form, parameters, mark, x)) <= -1.0:
