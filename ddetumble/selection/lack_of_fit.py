@@ -54,7 +54,7 @@ def whiten_all(records: Records, record: int, columns: sparse.csr_matrix) -> spa
     blocks = [whitening_matrix(own[:n], filtered[:n]) @ columns for own, filtered in zip(weights, taps, strict=True)]
     for block in blocks:
         block.resize(weights.shape[1], np.shape(columns)[1])
-    return sparse.block_diag(blocks, format="csr")
+    return sparse.csr_matrix(sparse.block_diag(blocks))
 
 
 def measure_smooth(problem: Problem, solution: Solution, bases: Sequence[sparse.csr_matrix]) -> tuple[float, float]:
