@@ -162,7 +162,8 @@ class Scripted:
 
     def run(self, effects=NAMES, **changes):
         """All candidates tried."""
-        return try_effects(dc.replace(self.selection, **changes), self.fitted, self.scores, effects)
+        catalogue = tuple(effect for effect in EFFECTS if effect.id in effects)
+        return try_effects(dc.replace(self.selection, catalogue=catalogue, **changes), self.fitted, self.scores)
 
 
 def test_a_second_start_where_the_first_led_astray():
@@ -173,7 +174,7 @@ def test_a_second_start_where_the_first_led_astray():
     bench = Scripted({"ripple": [None], "echo": [(1.5, True), "end"], "bump": [None, "end"], "settling": [(0.5, True)]},
                      scores)
     shares = []
-    found = try_effects(bench.selection, bench.fitted, bench.scores, NAMES, lambda text, share: shares.append(share))
+    found = try_effects(bench.selection, bench.fitted, bench.scores, lambda text, share: shares.append(share))
     assert shares == pytest.approx([0.25, 0.5, 0.75, 1.0, 1.0, 1.0])
     bump = {"bump.q": 2.0, "bump.a": pytest.approx(0.3)}
     assert bench.asked[4:] == [("echo", {"echo.a": pytest.approx(-0.7)}), ("bump", bump)]
@@ -213,7 +214,7 @@ def test_candidates_are_compared_with_what_they_were_screened_beside():
     found = bench.run(["ripple"], thin=bench.selection.problem)
     assert bench.further[0] == (None, {"screening": True}) and found.before is bench.fitted
     shares = []
-    try_effects(bench.selection, bench.fitted, (), NAMES, lambda text, share: shares.append(share))
+    try_effects(bench.selection, bench.fitted, (), lambda text, share: shares.append(share))
     assert shares == pytest.approx([0.25, 0.5, 0.75, 1.0])
 
 
@@ -237,7 +238,8 @@ class Steps:
     def __init__(self, monkeypatch, additions, worse=(), noise=(), **settings):
         self.additions, self.asked, self.passed = list(additions), [], []
         monkeypatch.setattr(forward_selection, "add_effect", self.add)
-        monkeypatch.setattr(forward_selection, "try_effects", lambda s, current, scores, others: tuple(others))
+        monkeypatch.setattr(forward_selection, "try_effects", lambda s, current, scores: tuple(
+            e.id for e in s.catalogue if e.id not in current.effects))
         monkeypatch.setattr(forward_selection, "predicts_better", lambda s, current, grown: (
             grown.effects not in worse and (grown.effects, s.name) not in worse))
         monkeypatch.setattr(forward_selection, "pass_over", lambda s, current, tried: tried[1:] or None)
@@ -383,7 +385,7 @@ def test_an_effect_that_helps_is_added_and_one_that_does_not_is_none():
     for truth, expected in (({}, None), ({"settling.a": 0.4}, ("settling",)), (bump, ("bump",))):
         selection, fitted = fit_toy(make_selection(1, truth))
         step = judged(selection, fitted)
-        tried = try_effects(selection, fitted, step.scores, NAMES)
+        tried = try_effects(selection, fitted, step.scores)
         wider, more = add_effect(selection, step, tried)
         if expected is None:
             assert more is None and wider is selection
@@ -412,7 +414,7 @@ def test_the_last_refit_of_a_step(change, failed, kept, again):
 
     toy = Toy(**{f.name: getattr(selection, f.name) for f in dc.fields(selection)})
     step = judged(selection, fitted)
-    tried = try_effects(selection, fitted, step.scores, NAMES)
+    tried = try_effects(selection, fitted, step.scores)
     same, more = add_effect(toy, step, tried)
     old = tried.refined["settling"].solution.chi2
     assert same.freed == () and more.fitted.effects == ("settling",)

@@ -199,7 +199,7 @@ def test_a_wrong_sign_counts_as_absent():
     echo = fit_with(selection, fitted, echo=-0.1)
     assert has_physical_sign(selection, echo, "echo") and echo.solution.chi2 < fitted.solution.chi2 - 100.0
     scores = selection.test_lack_of_fit(fitted)[1]
-    tried = try_effects(selection, fitted, scores, [e.id for e in EFFECTS])
+    tried = try_effects(selection, fitted, scores)
     assert tried.screened["ripple"].solution is fitted.solution and tried.screened["ripple"].effects == ("ripple",)
     assert tried.order[0] == "echo" and sorted(tried.order) == sorted(e.id for e in EFFECTS)
     assert tried.before is fitted and "ripple" not in tried.refined
@@ -279,11 +279,10 @@ def test_finalists():
     """Those within `decisive` of the best, at most so many."""
     selection, fitted = fit_toy(make_selection(1, {"ripple.a": 0.5}))
     scores = selection.test_lack_of_fit(fitted)[1]
-    names = [e.id for e in EFFECTS]
 
     def finalists(**settings):
         changed = dc.replace(selection, settings=SelectionSettings(**settings))
-        return set(try_effects(changed, fitted, scores, names).refined)
+        return set(try_effects(changed, fitted, scores).refined)
 
     assert finalists(decisive=1e9) >= {"ripple", "echo", "settling"}
     assert finalists(decisive=1e9, finalists=1) == {"ripple", "bump"}  # of a bump a shape is still to be freed

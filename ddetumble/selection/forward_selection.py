@@ -80,8 +80,7 @@ def select_effects(selection: SelectionProblem, reference: Fitted, report: Progr
     """Forward selection beside a fitted reference model, up to where other reference models are worth a try."""
     report("looking for what is missing", 0.15)
     lack, scores = selection.test_lack_of_fit(reference)
-    tried = try_effects(selection, reference, scores, [e.id for e in selection.catalogue],
-                        lambda text, share: report(text, 0.2 + 0.4 * share))
+    tried = try_effects(selection, reference, scores, lambda text, share: report(text, 0.2 + 0.4 * share))
     start = Path(selection, (FittedStep(reference, lack, scores),), tried, could_have_shown(selection, scores))
     return extend_path(start, selection.settings.effects_before_rivals, report)
 
@@ -96,10 +95,9 @@ def extend_path(path: Path, most: int, report: Progress = lambda text, share: No
         report("growing the model", min(0.6 + 0.1 * len(steps), 0.85))
         current = steps[-1]
         if tried is None:
-            others = [e.id for e in selection.catalogue if e.id not in current.fitted.effects]
-            if not others:
+            if {e.id for e in selection.catalogue} <= set(current.fitted.effects):
                 break
-            tried = try_effects(selection, current.fitted, current.scores, others)
+            tried = try_effects(selection, current.fitted, current.scores)
         wider, more = add_effect(selection, current, tried)
         if more is None:
             break
@@ -225,12 +223,13 @@ def list_starts(selection: SelectionProblem, effect: str, scores: Sequence[Score
     return starts
 
 
-def try_effects(selection: SelectionProblem, current: Fitted, scores: Sequence[Score], effects: Sequence[str],
+def try_effects(selection: SelectionProblem, current: Fitted, scores: Sequence[Score],
                 report: Progress = lambda text, share: None) -> CandidateFits:
-    """Refit `current` with each of `effects` added, from interior starts; wrong-signed amplitudes count as absent.
+    """Refit `current` with each effect of the catalogue added, from interior starts; a wrong sign counts as absent.
 
     All are fitted loosely, long records thinned; those that come near the best are fitted to all samples to the end.
     """
+    effects = [effect.id for effect in selection.catalogue if effect.id not in current.effects]
     before, space = current, selection.space
     if selection.thin is not None:
         before = selection.extend(current, current.effects, screening=True) or current
@@ -496,8 +495,7 @@ def exchange_effects(selection: SelectionProblem, chosen: Fitted, tried: Candida
             if start is None:
                 continue
             _, scores = selection.test_lack_of_fit(start)
-            others = [e.id for e in selection.catalogue if e.id not in start.effects]
-            again = try_effects(selection, start, scores, others)
+            again = try_effects(selection, start, scores)
             best = again.refined[again.order[0]]
             fewer = len(best.solution.names) < len(chosen.solution.names)
             least = selection.settings.tie if fewer else selection.settings.significant

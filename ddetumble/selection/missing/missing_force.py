@@ -88,8 +88,7 @@ def draw_missing_force(campaign: Campaign | str | Path, model: Model = "paper", 
                              "one out")
     if catalogue:
         _, scores = selection.test_lack_of_fit(reference)
-        tried = try_effects(selection, reference, scores, [e.id for e in selection.catalogue],
-                            lambda text, share: report(text, 0.1 + 0.4 * share))
+        tried = try_effects(selection, reference, scores, lambda text, share: report(text, 0.1 + 0.4 * share))
         best = tried.order[0], tried.refined[tried.order[0]].score
     lack, _ = selection.test_lack_of_fit(beside)
     if lack.rejected:
