@@ -7,7 +7,7 @@ import numpy as np
 
 from ..inference.goodness import combine_p_values, weigh_shifts
 from ..inference.problem import Solution
-from ..inference.setting_spread import list_settings
+from ..inference.variance_components import list_settings
 from .cross_validation import adjust_own, compare_losses, leave_out
 from .problem import Fitted, SelectionProblem
 

@@ -22,8 +22,8 @@ from ..inference.goodness import combine_p_values, weigh_shifts
 from ..inference.noise import Noise, whitening_matrix, widen_by_student
 from ..inference.noise_estimation import list_spans, spline_columns
 from ..inference.problem import Problem, Solution
-from ..inference.setting_spread import follow_conditions, list_settings
 from ..inference.stack import Records, is_added
+from ..inference.variance_components import follow_conditions, list_settings
 from .result import LackOfFit, SettingShift
 from .settings import DEFAULT, SelectionSettings
 
