@@ -66,7 +66,7 @@ def draw_missing_force(campaign: Campaign | str | Path, model: Model = "paper", 
     report("fitting the reference model", 0.02)
     own = tuple(e for e in dict.fromkeys(effects) if e not in family.catalogue)
     require_samples(campaign)
-    state = begin_cleaning(campaign, keep_all)
+    state = begin_cleaning(campaign, keep_all, settings)
     for turn in range(settings.rounds):
         selection, reference = fit_reference(pose_selection(state.campaign, resolved.reference, own, resolved.effects,
                                                             state.zeros, settings))
