@@ -512,4 +512,5 @@ def test_fit_says_and_the_missing_force_leaves_out(clean, tmp_path):
     drawn = draw_missing_force(folder, catalogue=False)
     assert drawn.shapes == () and any("single samples" in note for note in drawn.notes)
     kept = draw_missing_force(folder, catalogue=False, keep_all=True)
-    assert kept.reference > 2.0 * drawn.reference
+    # What is kept goes into the noise, too, so that chi-square grows by less than the spikes themselves.
+    assert kept.reference > drawn.reference + 5.0 * np.sqrt(2.0 * drawn.reference)
