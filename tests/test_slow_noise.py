@@ -1,13 +1,19 @@
 """A baseline that wanders: its likelihood, that one is found, and that none is found where there is none."""
 
+import dataclasses as dc
+
 import numpy as np
 import pytest
 from helpers_statistics import PRESSURES, SD, SPEEDS, fit_toy, make_selection
+from helpers_tumble import CHANNELS, NOISE, make_law, make_long, move
 
+from ddetumble.contact.torque import RigidBody
 from ddetumble.exam.simulators.noise import draw_noise
 from ddetumble.inference import variance_components
 from ddetumble.inference.noise import Noise
-from ddetumble.inference.variance_components import add_slow_noise
+from ddetumble.inference.variance_components import find_slow_noise
+from ddetumble.selection.problem import fit_reference, pose_selection
+from ddetumble.selection.settings import SelectionSettings
 
 
 CONDITIONS = [(v, p) for v in SPEEDS for p in PRESSURES] * 2
@@ -26,7 +32,7 @@ def wander(seed, size, slow):
 def look(seed, spoil=None, **options):
     """The noise of the force after a look for a baseline under the reference model."""
     selection, fitted = fit_toy(make_selection(seed, conditions=CONDITIONS, spoil=spoil, **options))
-    return add_slow_noise(selection.records, fitted.solution, selection.noise, WORTH)["normal_force"]
+    return find_slow_noise(selection.records, fitted.solution, selection.noise, WORTH).noise["normal_force"]
 
 
 @pytest.mark.parametrize("count", [0, 2])
@@ -35,19 +41,63 @@ def test_restricted_likelihood_is_that_of_the_dense_normal_density(count):
     generator, parts = np.random.default_rng(1), []
     for n in (4, 6, 5):
         time, root = np.sort(generator.random(n)), generator.standard_normal((n, n))
-        parts.append((time, root @ root.T + np.eye(n), generator.standard_normal((n, count + 1))))
-    for logarithm, slow in ((-np.inf, 1.0), (-0.3, 0.2), (1.6, 3.0)):
+        parts.append((time, root @ root.T + np.eye(n), generator.standard_normal((n, count + 1)), np.eye(n)))
+    for logarithm, slow, power in ((-np.inf, 1.0, 1.0), (-0.3, 0.2, 1.0), (1.6, 3.0, 1.0), (0.4, 0.3, 2.0)):
         covariance, place, size = np.zeros((15, 15)), 0, np.exp(logarithm)
-        for time, own, _ in parts:
+        for time, own, *_ in parts:
             rows = slice(place, place + len(time))
-            covariance[rows, rows] = own + size**2 * np.exp(-abs(time[:, None] - time) / slow)
+            covariance[rows, rows] = own + size**2 * np.exp(-(abs(time[:, None] - time) / slow)**power / power)
             place += len(time)
         columns = np.concatenate([part[2] for part in parts])
         free, right, inverse = columns[:, :-1], columns[:, -1], np.linalg.inv(covariance)
         square = free.T @ inverse @ free
         projector = inverse - inverse @ free @ np.linalg.solve(square, free.T @ inverse)
         expected = np.linalg.slogdet(covariance)[1] + np.linalg.slogdet(square)[1] + right @ projector @ right
-        assert variance_components._lose(logarithm, slow, parts) == pytest.approx(expected, rel=1e-8)
+        assert variance_components._lose(logarithm, slow, parts, power) == pytest.approx(expected, rel=1e-8)
+
+
+def test_where_a_record_starts_from_is_projected_out():
+    """As free columns of each record's own: the loss of two baselines differs by as much, whatever their scale."""
+    generator, apart, together = np.random.default_rng(2), [], []
+    for r, n in enumerate((5, 6, 7)):
+        time, root = np.sort(generator.random(n)), generator.standard_normal((n, n))
+        covariance, columns = root @ root.T + np.eye(n), generator.standard_normal((n, 2))
+        start = generator.standard_normal((n, 2)) * [1e5, 1e-3]
+        across = variance_components._list_rows_across(np.concatenate([start, start[:, :1], np.zeros((n, 1))], axis=1))
+        assert across.shape == (n - 2, n) and np.allclose(across @ start, 0.0, atol=1e-9)
+        apart.append((time, across @ covariance @ across.T, across @ columns, across))
+        own = np.zeros((n, 6))
+        own[:, 2 * r: 2 * r + 2] = start / np.linalg.norm(start, axis=0)
+        together.append((time, covariance, np.concatenate([own, columns], axis=1), np.eye(n)))
+    losses = [[variance_components._lose(*point, parts) for point in ((-np.inf, 1.0), (-0.3, 0.2), (1.6, 3.0))]
+              for parts in (apart, together)]
+    assert np.diff(losses[0]) == pytest.approx(np.diff(losses[1]), rel=1e-6)
+
+
+def look_at_rates(torque, size):
+    """The noise of tumbling records after a look for a baseline: with a constant torque, and a walk so many times as
+    large as the noise at the end."""
+    campaign = make_long(4, 300.0, 3.0)
+    samples, generator = campaign.samples.copy(), np.random.default_rng(4)
+    for _, group in samples.groupby("record", sort=False):
+        times, start = group["time"].to_numpy(), group.iloc[0][list(CHANNELS)].to_numpy(dtype=float)
+        laws = [make_law(0.55, {"constant-torque": {"torque": x}}) for x in (np.zeros(3), torque)]
+        free, pushed = (np.asarray(move(law, times, start).angular_velocity) for law in laws)
+        walk = np.cumsum(generator.standard_normal((len(times), 3)), axis=0) / np.sqrt(len(times))
+        samples.loc[group.index, list(CHANNELS)] += pushed - free + size * NOISE * walk
+    selection, fitted = fit_reference(pose_selection(dc.replace(campaign, samples=samples), RigidBody()))
+    return find_slow_noise(selection.records, fitted.solution, selection.noise, WORTH)
+
+
+@pytest.mark.slow
+def test_what_a_torque_leaves_is_smooth():
+    """A walk of the gyroscope is rough, about as a random walk of its size is; a torque's drift is smooth by far."""
+    limit = SelectionSettings().smooth
+    walk, torque, quiet = (look_at_rates(*case) for case in (
+        ([0.0] * 3, 4.0), ([3e-7, 2e-7, 4e-7], 0.0), ([0.0] * 3, 0.0)))
+    assert walk.roughness > -limit > torque.roughness
+    assert all(one.slow_sd > 1.5 * NOISE for one in walk.noise.values())
+    assert quiet.roughness == 0.0 and not any(one.slow_sd for one in quiet.noise.values())
 
 
 @pytest.mark.parametrize(("size", "slow"), [(0.05, 0.3), (0.1, 0.15), (0.2, 0.6)])
@@ -66,7 +116,7 @@ def test_no_baseline_is_found_in_noise(rho):
         selection = make_selection(seed, conditions=CONDITIONS, rho=rho)
         known = {"normal_force": make_known(rho)}
         selection, fitted = fit_toy(selection.restack(known))
-        assert add_slow_noise(selection.records, fitted.solution, known, WORTH) == known
+        assert find_slow_noise(selection.records, fitted.solution, known, WORTH).noise == known
 
 
 def make_known(rho):

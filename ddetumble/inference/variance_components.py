@@ -16,7 +16,9 @@ from .stack import Records, is_added
 
 FREE = 3  # degrees of freedom with which a scatter is worth anything
 APART = 0.03  # range of a logarithm below which a condition was held
-TIMES = (0.1, 0.3, 1.0, 10.0)  # correlation times over the length of a record: from noise to an offset
+TIMES = (0.1, 0.3, 1.0, 10.0)  # correlation times over the length of a record: from noise to an offset,
+SMOOTH_TIMES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4)  # and of smooth ones: from a few samples to a bend
+EXCLUDED = 3.84  # loss beyond the least, outside a 95 % interval
 MOST = 240  # samples of a record that are looked at: what is slow does not need more
 RANGE = (0.05, 50.0)  # size over that of the noise: less does not matter, more no gauge shows
 
@@ -115,39 +117,60 @@ def follow_conditions(shifts: np.ndarray, groups: np.ndarray, conditions: np.nda
     return combine_p_values([float(chance) for chance in chances if np.isfinite(chance)]) if chances else 0.0
 
 
-def add_slow_noise(records: Records, solution: Solution, noise: Mapping[str, Noise], worth: float) -> dict[str, Noise]:
+@dc.dataclass(frozen=True)
+class SlowNoise:
+    """Baselines that wander, as the restricted likelihood finds them."""
+
+    noise: dict[str, Noise]  # of every channel, with a slow part where one is beyond doubt
+    # Logarithm of the likelihood by which baselines that are rough, as noise is, come before smooth ones, which a force
+    # leaves that is missing from a motion: the sum over the channels with a slow part.
+    roughness: float
+
+
+def find_slow_noise(records: Records, solution: Solution, noise: Mapping[str, Noise], worth: float) -> SlowNoise:
     r"""The noise of every channel with a slow part, where one is beyond doubt; none of it may be missing physics.
 
     The restricted likelihood of $y_r = S_r \theta + J_r z_r + b_r + e_r$: residuals of a linearised fit with free
     parameters $\theta$, settings $z_r \sim N(0, I)$, the noise as it is known, and an Ornstein-Uhlenbeck baseline
     $b_r$, whose size and correlation time are fitted; `worth` is the logarithm of the likelihood that it has to bring.
+    Of the times that the likelihood does not exclude it is the longest: what is slow is what a force is taken for.
+
+    The same with a baseline whose covariance is $\exp(-\Delta t^2/2\tau^2)$ tells how rough the baselines are.
     """
-    found = dict(noise)
+    found, roughness = dict(noise), 0.0
     for c, channel in enumerate(records.channels):
         parts = _gather_rows(records, solution, noise[channel], c)
         if not parts:
             continue
         none = _lose(-np.inf, 1.0, parts)
         length = float(np.median([time[-1] - time[0] for time, *_ in parts]))
-        low, high = (np.log(noise[channel].sd * x) for x in RANGE)
-        best, size, slowest = none, 0.0, 1.0
-        for share in TIMES:
-            one: Any = optimize.minimize_scalar(_lose, args=(share * length, parts), bounds=(low, high),
-                                                method="bounded", options={"xatol": 0.05})
-            if one.fun < best:
-                best, size, slowest = float(one.fun), float(np.exp(one.x)), share * length
-        if none - best > 2.0 * worth:
-            found[channel] = dc.replace(
-                noise[channel], slow_sd=size, slow_time=slowest,
-                text=f"{noise[channel].text}; beside it a baseline that wanders by {size:.2g} (SI)")
-    return found
+        limits = tuple(np.log(noise[channel].sd * x) for x in RANGE)
+        rough = {share: _fit_size(share * length, parts, limits) for share in TIMES}
+        best = min(loss for loss, _ in rough.values())
+        if none - best <= 2.0 * worth:
+            continue
+        share = max(share for share, (loss, _) in rough.items() if loss < best + EXCLUDED)
+        found[channel] = dc.replace(
+            noise[channel], slow_sd=rough[share][1], slow_time=share * length,
+            text=f"{noise[channel].text}; beside it a baseline that wanders by {rough[share][1]:.2g} (SI)")
+        roughness += 0.5 * (min(_fit_size(share * length, parts, limits, 2.0)[0] for share in SMOOTH_TIMES) - best)
+    return SlowNoise(found, roughness)
+
+
+def _fit_size(slow: float, parts: list[tuple[np.ndarray, ...]], limits: tuple[float, ...], power: float = 1.0
+              ) -> tuple[float, float]:
+    """Loss of the best baseline with this correlation time, and its size."""
+    one: Any = optimize.minimize_scalar(_lose, args=(slow, parts, power), bounds=limits, method="bounded",
+                                        options={"xatol": 0.05})
+    return float(one.fun), float(np.exp(one.x))
 
 
 def _gather_rows(records: Records, solution: Solution, noise: Noise, c: int) -> list[tuple[np.ndarray, ...]]:
-    """Times, covariance of the noise with that of the settings, and free columns with the residuals, by record."""
+    """Times, covariance of the noise with that of the settings, and free columns with the residuals, by record; last
+    the rows that are looked at: all, or what is orthogonal to where a record starts from, which has no prior."""
     stack, found = records.stack, []
     time, weights, taps, values = (np.asarray(x) for x in (stack.time, stack.weights, stack.taps, stack.values))
-    size = time.shape[1]
+    size, free = time.shape[1], np.array([name in records.starts for name in records.nuisances])
     for r, n in enumerate(records.lengths):
         valid = np.flatnonzero(weights[r, c, :n] > 0)
         if len(valid) < 8:
@@ -162,16 +185,33 @@ def _gather_rows(records: Records, solution: Solution, noise: Noise, c: int) -> 
         residual = (solution.channels[r, c] - values[r, c])[kept] - own @ solution.z[r]
         t, key = time[r, kept], records.keys[r]
         sizes = noise.sizes[key][kept] if key in noise.sizes else np.ones(len(kept))
-        covariance = noise.covariance(t[:, None] - t) * sizes[:, None] * sizes + own @ own.T
-        found.append((t, covariance, np.concatenate([columns[:, own.shape[1]:], residual[:, None]], axis=1)))
+        covariance = noise.covariance(t[:, None] - t) * sizes[:, None] * sizes + own[:, ~free] @ own[:, ~free].T
+        rest = np.concatenate([columns[:, own.shape[1]:], residual[:, None]], axis=1)
+        across = _list_rows_across(own[:, free])
+        found.append((t, across @ covariance @ across.T, across @ rest, across))
     return found
 
 
-def _lose(logarithm: float, slow: float, parts: list[tuple[np.ndarray, ...]]) -> float:
-    """Loss of a baseline of this size (its logarithm) and correlation time."""
+def _list_rows_across(columns: np.ndarray) -> np.ndarray:
+    """Orthonormal combinations of rows to which columns add nothing, shape (combinations, rows)."""
+    size = np.linalg.norm(columns, axis=0)
+    told = columns[:, size > 0] / size[size > 0]
+    if not told.size:
+        return np.eye(len(columns))
+    left, values, _ = np.linalg.svd(told)
+    return left[:, int(np.sum(values > 1e-9 * values[0])):].T
+
+
+def _lose(logarithm: float, slow: float, parts: list[tuple[np.ndarray, ...]], power: float = 1.0) -> float:
+    """Loss of a baseline of this size (its logarithm) and correlation time: rough (power 1), or smooth (2)."""
     square = float(np.exp(logarithm)) ** 2
-    return lose_restricted((covariance + square * np.exp(-np.abs(time[:, None] - time) / slow), columns)
-                           for time, covariance, columns in parts)
+
+    def add(time: np.ndarray, covariance: np.ndarray, across: np.ndarray) -> np.ndarray:
+        """The covariance with that of the baseline, in the rows that are looked at."""
+        lag = np.abs(time[:, None] - time) / slow
+        return covariance + square * across @ np.exp(-(lag**power) / power) @ across.T
+
+    return lose_restricted((add(time, covariance, across), columns) for time, covariance, columns, across in parts)
 
 
 def lose_restricted(parts: Iterable[tuple[np.ndarray, np.ndarray]], known: np.ndarray | float = 0.0) -> float:

@@ -111,6 +111,8 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
         if biases and biases[0].merit < steps[-1].fitted.merit:
             # Where the effects leave a misfit and the bias none, nothing speaks for them.
             verdict, steps = "nothing-missing" if steps[-1].lack.rejected else "undecided", steps[:1]
+    if path.ambiguous and verdict == "nothing-missing":
+        verdict, irregular = "undecided", True
     report("writing it down", 0.97)
     described = [describe_step(selection, s, steps[k - 1] if k else None) for k, s in enumerate(steps)]
     candidates = describe_candidates(selection, steps, path.tried)

@@ -46,7 +46,7 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
         shared_error: of one setting in all records, which the models allow for beside what the campaign states.
         irregular: whether the misfit that is left is none of a force's: no force of any variable removes any of it on
             conditions that are left out, and nothing of it repeats over the records. If the verdict is `undecided`,
-            that could not be judged.
+            that could not be judged, or baselines that wander fit as well as a force might.
         missing: the missing force itself, for the verdicts `improved` and `unexplained`.
         made: what makes the fits: of every step, and of the rivals of the last one.
     """

@@ -15,7 +15,7 @@ from .._numerics import map_threads
 from ..inference.assembly import default_starts
 from ..inference.noise_estimation import changed, has_more_hum, measure_noise
 from ..inference.problem import Solution
-from ..inference.variance_components import add_slow_noise
+from ..inference.variance_components import find_slow_noise
 from .cross_validation import compare_losses
 from .lack_of_fit import Score, doubt_level
 from .localise import find_line
@@ -63,6 +63,7 @@ class Path:
     steps: tuple[FittedStep, ...]  # the reference model first
     tried: CandidateFits  # every first addition
     visible: bool  # whether the campaign could have shown an effect
+    ambiguous: bool = False  # whether the baselines that it allows for may as well be what a force does
 
     def keep_physical(self) -> tuple[tuple[FittedStep, ...], "tuple[Unphysical, ...]"]:
         """The steps up to the last one that lies within physical limits, and what lay beyond them in the next."""
@@ -453,16 +454,18 @@ def allow_wander(path: Path, report: Progress = lambda text, share: None) -> Pat
     """The same search with baselines that wander, where these explain what misfit is left.
 
     They do where they are beyond doubt beside all effects that were found, leave no misfit, and nothing of what they
-    stand for repeats over the records, as physics would.
+    stand for repeats over the records, as physics would. Records that run on from where they start share no phase that
+    could repeat: there the baselines must not be smooth, as what a force adds to a motion is.
     """
-    last, selection = path.steps[-1], path.selection
-    if not last.lack.rejected or selection.measure_repeats(last.fitted.solution) is None:
+    last, selection, running = path.steps[-1], path.selection, path.selection.family.free_running
+    if not last.lack.rejected or not (running or selection.measure_repeats(last.fitted.solution) is not None):
         return path
-    noise = add_slow_noise(selection.records, last.fitted.solution, selection.noise, selection.settings.spread.worth)
-    if noise == selection.noise:
+    limits = selection.settings
+    slow = find_slow_noise(selection.records, last.fitted.solution, selection.noise, limits.spread.worth)
+    if slow.noise == selection.noise or (running and slow.roughness < -limits.smooth):
         return path
     report("allowing for baselines that wander", 0.875)
-    wider = dc.replace(selection.restack(noise), noise=noise)
+    wider = dc.replace(selection.restack(slow.noise), noise=slow.noise)
     if not _would_do(wider, last.fitted):
         return path
     reference = wider.repeat(path.steps[0].fitted)
@@ -470,10 +473,12 @@ def allow_wander(path: Path, report: Progress = lambda text, share: None) -> Pat
     last = found.steps[-1]
     if last.lack.rejected:
         return path
+    if running:
+        return dc.replace(found, ambiguous=slow.roughness < limits.spread.worth)
     at = last.fitted.solution
     plain = selection.loosen(found.selection.spread).problem.solve(at.names, at.u, at.z, moving=False)
     chance = selection.measure_repeats(plain)
-    return found if chance is not None and chance > selection.settings.repeats else path
+    return found if chance is not None and chance > limits.repeats else path
 
 
 def free_chosen(selection: SelectionProblem, chosen: Fitted) -> SelectionProblem:

@@ -98,6 +98,9 @@ class SelectionSettings:
             may be no force's: what noise happens to share with one, and
         repeats: p-value of a misfit that repeats over the records, above which it is none: at 1 % a wear that no
             catalogue holds passed for a baseline that wanders.
+        smooth: logarithm of the likelihood by which smooth baselines of tumbling records may come before rough ones, as
+            random walks are, up to which they may be noise: of bodies with a force outside the catalogue it was 20 to
+            2,500, of gyroscopes whose bias walks at random 5 at most.
         bias: standard deviation of an error that all records share, as a share of the setting: a gauge that was not
             calibrated lately.
         noise: what decides how the noise is taken.
@@ -139,6 +142,7 @@ class SelectionSettings:
     most_samples: int = 100_000
     little: float = 0.2
     repeats: float = 0.05
+    smooth: float = 10.0
     bias: float = 0.02
     noise: NoiseSettings = NoiseSettings()
     spread: SpreadSettings = SpreadSettings()

@@ -80,7 +80,7 @@ def tell_discovery(found: Discovery, family: Family, left_out: Sequence[str], un
             parts.append(say("verdict.biased", biases=[_describe_bias(one) for one in found.biases]))
         wander = [channel for channel, one in found.noise.items() if one.get("slow_sd")]
         if wander:
-            parts.append(say("verdict.wandering", channels=wander))
+            parts.append(say("verdict.wandering", channels=wander, every=1 < len(wander) == len(found.noise)))
         hums = {(channel, f"{line['frequency']:.3g} Hz") for channel, one in found.noise.items()
                 for line in one.get("hum", ())}
         if hums:
@@ -180,7 +180,9 @@ def _tell_verdict(found: Discovery, family: Family, folds: str) -> Sentence:
         return say("verdict.bias_or_effect", model=model, before=before, p=p, bias=_describe_bias(found.biases[0]),
                    effects=list(found.biases[0].effects))
     if found.verdict == "undecided" and found.irregular:
-        return say("verdict.unrelated", model=model, records=records, before=before, p=p, folds=family.folds)
+        if lack.rejected:
+            return say("verdict.unrelated", model=model, records=records, before=before, p=p, folds=family.folds)
+        return say("verdict.ambiguous", model=model, before=before)
     if found.verdict == "undecided" and lack.rejected:
         return say("verdict.undecided", model=model, records=records, conditions=conditions, before=before, p=p,
                    sufficient=[c.effect for c in found.candidates if c.explains > settings.largest_part],
