@@ -192,6 +192,23 @@ def test_places(monkeypatch):
     assert (first.share, first.removes) == (0.65, 1.0) and second == found[0]
 
 
+def test_a_place_is_a_range_of_what_has_one():
+    """Whatever a test direction depends on: an attitude has no range, and the misfit lies over time."""
+    family, times = FAMILIES["tumble"], np.linspace(0.0, 400.0, 9)
+    rates = np.stack([np.full((2, 9), x) for x in (-0.1, 0.0, 0.1)], axis=1)
+    fit = SimpleNamespace(solution=SimpleNamespace(state=np.stack([times] * 2), state_rate=np.full((2, 9), 0.2),
+                                                   channels=rates, end=np.full(2, 400.0), u=np.zeros(99)))
+    for direction in family.directions:
+        problem = SimpleNamespace(
+            family=family, find_effect=lambda _, found=direction: found,
+            campaign=SimpleNamespace(records=pd.DataFrame()),
+            records=SimpleNamespace(channels=family.channels[:3]), space=SimpleNamespace(index={}))
+        if getattr(direction, "line", None) is None:
+            place = localise._place(problem, direction.id, fit)
+            assert (place.range == (0.0, 400.0)) == (place.variable == "time")
+            assert place.variable == ("time" if direction.variable == "attitude" else direction.variable)
+
+
 def test_errors_of_traces():
     """Errors of hand-made traces; missing samples count for nothing."""
     time = np.linspace(-0.1, 1.1, 13)

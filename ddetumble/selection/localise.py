@@ -141,6 +141,7 @@ def _place(selection: SelectionProblem, direction: str, fitted: Fitted) -> Place
             speeds = table["tangential_speed"].to_numpy(dtype=float)
             high = np.max(speeds if variable == "slip_speed" else speeds * solution.end)
         else:
+            variable = variable if variable == family.state else "time"  # an attitude has no range
             high = (solution.state if variable == family.state else solution.end).max()
             low = float(np.exp(solution.u[selection.space.index[onset]])) if onset is not None else 0.0
             period = float(np.exp(-solution.u[selection.space.index[line]])) if onset is None and line else np.inf
