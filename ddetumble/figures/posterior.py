@@ -11,7 +11,7 @@ from scipy import ndimage, stats
 from ..families import DEFAULT_FAMILY, find_family
 from ..measurement.quantities import clean, describe_conditions, describe_quantity, shorten_names, vary
 from ..posterior.loo import Scores
-from ..posterior.predictive_check import LEVEL, STATISTICS, Checks
+from ..posterior.predictive_check import LEVEL, STATISTICS, Checks, Replicates
 from ..posterior.result import Posterior
 from ..posterior.target import AbstractTarget
 from .palette import AFTER, BEFORE, FLOOR, GREY, INK, KIN, PALE, SHADES
@@ -221,6 +221,40 @@ def draw_predictive(checks: Checks, family: str = DEFAULT_FAMILY, count: int = 4
     head_figure(figure, [*(key_dot(colour, 5, mark) for mark, colour in _MARKS.values()), key_band(lw=None),
                          key_line(INK, 1.0), key_band(KIN, 0.5, lw=None)],
                 [*STATISTICS.values(), "stands out individually", "measured", "90 % of replicates"])
+    return figure
+
+
+@styled
+def draw_prior_predictive(replicates: Replicates, family: str = DEFAULT_FAMILY, count: int = 4):
+    """Records that the priors alone expect, as bands that hold 50 and 95 % of them, and what was measured.
+
+    Args:
+        replicates: drawn from the priors.
+        family: of the records.
+        count: of records that are drawn, spread over the campaign.
+    """
+    chosen = np.unique(np.linspace(0, len(replicates.time) - 1, min(count, len(replicates.time))).astype(int))
+    rows = -(-len(chosen) // 2)
+    figure = new_figure(0.6 + 1.75 * rows)
+    panels = figure.subplots(rows, 2 if len(chosen) > 1 else 1, squeeze=False).ravel()
+    shown = describe_quantity(replicates.channels[0], unit="")
+    for axes in panels[len(chosen):]:
+        axes.set_axis_off()
+    for k, (axes, g) in enumerate(zip(panels, chosen, strict=False)):
+        good = np.isfinite(replicates.measured[g, 0])
+        along = describe_quantity(find_family(family).independent, replicates.time[g])
+        x, values = replicates.time[g][good] * along.scale, replicates.values[:, g, 0][:, good] * shown.scale
+        low, below, above, high = np.quantile(values, [0.025, 0.25, 0.75, 0.975], axis=0)
+        dress(axes).fill_between(x, low, high, color=KIN, alpha=0.35, lw=0)
+        axes.fill_between(x, below, above, color=KIN, alpha=0.7, lw=0)
+        axes.plot(x, replicates.measured[g, 0, good] * shown.scale, color=INK, lw=1.0)
+        axes.margins(x=0)
+        if k % 2 == 0:
+            axes.set_ylabel(shown.label, fontsize=8.5)
+        if k >= len(chosen) - 2:
+            axes.set_xlabel(along.label)
+    head_figure(figure, [key_line(INK, 1.0), key_band(KIN, 0.7, lw=None), key_band(KIN, 0.35, lw=None)],
+                ["measured", "50 % of the records that the priors expect", "95 %"])
     return figure
 
 

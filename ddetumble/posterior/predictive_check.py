@@ -122,7 +122,7 @@ def check_posterior(target: CampaignTarget, x: np.ndarray, report: Progress = la
     rng = np.random.default_rng([0, 7])  # of its own
     z, residual, model = draw_nuisances(target, x, rng)
     stack, draws = target.records.stack, len(residual)
-    weights, taps = np.asarray(stack.weights), np.asarray(stack.taps)
+    weights = np.asarray(stack.weights)
     noise = [target.fit.noise[name] for name in target.records.channels]
     level = np.array([one.log_level_sd for one in noise])
     residual = residual.reshape(draws, *weights.shape)
@@ -157,10 +157,26 @@ def check_posterior(target: CampaignTarget, x: np.ndarray, report: Progress = la
                     {name: float(p[g]) for name, p in each.items()})
         for g, key in enumerate(target.records.keys))
     report("replicating the records", 0.8)
-    values = _add_noise(model[:: max(1, draws // KEPT)], weights, taps, rng)
+    return _conclude(records, draws, totals, _keep(target, model[:: max(1, draws // KEPT)], rng))
+
+
+def replicate(target: CampaignTarget, x: np.ndarray, z: np.ndarray, rng: np.random.Generator
+              ) -> tuple[Replicates | None, np.ndarray]:
+    """Records at coordinates, shape (draws, free), and nuisances, shape (draws, records, nuisances), with noise; and
+    at which of the draws they could be computed, shape (draws,). None where at no draw."""
+    run = partial(_simulate, target.space, target.records.nuisances, target.records.channels, plan=target.plan)
+    residual, failed, model = map_blocks(run, BLOCK, x, z)
+    good = np.all(~failed & np.isfinite(residual).all(axis=2), axis=1)
+    return (_keep(target, model[good], rng) if good.any() else None), good
+
+
+def _keep(target: CampaignTarget, model: np.ndarray, rng: np.random.Generator) -> Replicates:
+    """Models, shape (draws, records, channels, samples), with noise of the fitted kind beside what was measured."""
+    stack = target.records.stack
+    weights, taps = np.asarray(stack.weights), np.asarray(stack.taps)
+    valid, values = weights > 0, _add_noise(model, weights, taps, rng)
     measured = np.where(valid, np.asarray(stack.values), np.nan)
-    replicates = Replicates(target.records.channels, np.asarray(stack.time), measured, np.where(valid, values, np.nan))
-    return _conclude(records, draws, totals, replicates)
+    return Replicates(target.records.channels, np.asarray(stack.time), measured, np.where(valid, values, np.nan))
 
 
 def _add_noise(model: np.ndarray, weights: np.ndarray, taps: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -14,6 +14,7 @@ from ..inference.files import check_folder, list_versions, make_plain, write_jso
 from .diagnostics import Convergence
 from .loo import Scores, score_conditions
 from .predictive_check import DRAWS, Checks, check_posterior
+from .prior_check import PriorCheck, check_priors
 from .target import AbstractTarget, CampaignTarget
 
 
@@ -67,6 +68,7 @@ class Posterior(AbstractPrinted):
         log_likelihood: of every part at some draws (`score`), shape (ensembles, draws, parts); where it was examined.
         predictive: posterior predictive checks; of campaigns only, where it was examined.
         left_out: scores of left-out conditions, where it was examined.
+        prior: what the priors do, where it has any and was examined.
     """
 
     target: AbstractTarget
@@ -82,6 +84,7 @@ class Posterior(AbstractPrinted):
     log_likelihood: np.ndarray | None = None
     predictive: Checks | None = None
     left_out: Scores | None = None
+    prior: PriorCheck | None = None
 
     def __repr__(self) -> str:
         return f"<Posterior of {', '.join(self.target.names)}: {self.state}>"
@@ -122,10 +125,15 @@ class Posterior(AbstractPrinted):
         return flat, self.target.likelihoods(flat).reshape(*x.shape[:2], -1) if found is None else found
 
     def examine(self, report: Progress = lambda text, share: None) -> "Posterior":
-        """The same with posterior predictive checks and scores of left-out conditions, where it has several parts."""
-        target = self.target
+        """The same with a check of its priors, posterior predictive checks and scores of left-out conditions.
+
+        The last two where it has several parts.
+        """
+        target, kept = self.target, self.thinned()[0]
+        kept = kept.reshape(-1, kept.shape[-1])
+        prior = check_priors(target, kept, min(1.0, self.convergence.effective / len(kept)))
         if len(target.parts) == 1 and not isinstance(target, CampaignTarget):
-            return self
+            return dc.replace(self, prior=prior)
         report("likelihoods of the records", 0.0)
         (x, likelihoods), checks = self.score(), None
         if isinstance(target, CampaignTarget):
@@ -133,7 +141,7 @@ class Posterior(AbstractPrinted):
         share = max(0.05, min(1.0, self.convergence.effective / max(len(x), 1)))
         scores = score_conditions(target, x, likelihoods.reshape(len(x), -1), independent=share,
                                   report=lambda t, s: report(t, 0.6 + 0.4 * s))
-        return dc.replace(self, log_likelihood=likelihoods, predictive=checks, left_out=scores)
+        return dc.replace(self, log_likelihood=likelihoods, predictive=checks, left_out=scores, prior=prior)
 
     def __str__(self) -> str:
         """The report."""
@@ -146,6 +154,8 @@ class Posterior(AbstractPrinted):
             rows.append((f"{name} [{p.unit}]" if p.unit else name, f"{p.mean:.6g}", f"{p.sd:.3g}", f"{p.q025:.6g}",
                          f"{p.q975:.6g}", f"{p.effective:.0f}", f"{p.rhat:.3f}", f"{p.fit:.6g} +/- {p.fit_sd:.3g}"))
         lines += [f"    {line}" for line in align_table(rows)]
+        if self.prior is not None:
+            lines += ["[[Priors]]", f"    {self.prior.sentence}"]
         if self.predictive is not None:
             lines += ["[[Predictive check]]", f"    {self.predictive.sentence}"]
         if self.left_out is not None:
@@ -165,6 +175,7 @@ class Posterior(AbstractPrinted):
             "autocorrelation_time": dict(zip(self.target.names, c.times, strict=True)), "statistics": self.statistics,
             "correlations": np.atleast_2d(np.corrcoef(self.x.reshape(-1, self.x.shape[-1]).T)), "notes": self.notes,
             "predictive": None if self.predictive is None else self.predictive.to_dict(), "left_out": self.left_out,
+            "prior": None if self.prior is None else self.prior.to_dict(),
             "versions": list_versions(),
         })  # fmt: skip
 

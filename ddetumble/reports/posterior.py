@@ -45,8 +45,9 @@ def write_posterior(posterior: Posterior, folder, name: str = "report.html") -> 
     plain = posterior.to_dict()
     rows = [("sampler", posterior.sampler),
             *(row for key in ("settings", "statistics", "target", "versions") for row in flatten(plain[key]))]
-    sections = [_show_parameters(posterior), _show_predictive(posterior), _show_left_out(posterior),
-                _show_chains(posterior), Section("Provenance", tables=[Table(("item", "value"), rows)])]
+    sections = [*(show(posterior) for show in (_show_parameters, _show_priors, _show_predictive, _show_left_out,
+                                               _show_chains)),
+                Section("Provenance", tables=[Table(("item", "value"), rows)])]
     return write_page(f"Posterior: {posterior.title}", _say_posterior(posterior), [s for s in sections if s], folder,
                       name, badge="converged" if posterior.converged else "not converged", status=status, facts=facts)
 
@@ -91,6 +92,33 @@ def _show_parameters(posterior: Posterior) -> Section:
         points.append(f"The figures leave out {hidden} parameters; posterior.nc contains all.")
     picture = Picture("corner", caption, figures.draw_corner(posterior), f"Corner plot of {len(rows)} parameters.")
     return Section("Parameters", figures=[picture], tables=[Table(header, rows)], points=points)
+
+
+def _show_priors(posterior: Posterior) -> Section | None:
+    found = posterior.prior
+    if found is None:
+        return None
+    rows = []
+    for name, one in found.parameters.items():
+        middle, low, high = one.prior or (math.nan,) * 3
+        prior = "–" if one.prior is None else (
+            f"{format_value(middle, high - low)} ({format_value(low, high - low)} to {format_value(high, high - low)})")
+        unit = clean(posterior.parameters[name].unit, 16) or "–"
+        rows.append((clean(name, 60), prior, unit, format_share(one.share) if one.prior is not None else "–",
+                     f"{one.distance:+.1f}" if one.prior is not None else "–",
+                     *((f"{one.moved:+.2f}", f"{one.widened:.2f}") if found.trusted else ("–", "–"))))
+    header = ("parameter", "prior (95 %)", "unit", "share of the prior", "distance [sd]", "mean moves by [sd]",
+              "sd times")
+    caption = ("Share of the prior: of what is known about a parameter, what its prior gives. Distance: of the mean "
+               "from that of the prior, in deviations that it would have by chance. The last two columns: what priors "
+               "twice as wide would change.")
+    pictures = []
+    if found.replicates is not None and isinstance(posterior.target, CampaignTarget):
+        pictures = [Picture("prior-predictive", "Records drawn from the priors alone, before any data, and those that "
+                            "were measured.",
+                            figures.draw_prior_predictive(found.replicates, posterior.target.fit.source.family),
+                            "Measured records in the bands that the priors expect.")]
+    return Section("What the priors do", [found.sentence], pictures, [Table(header, rows, caption)])
 
 
 def _show_predictive(posterior: Posterior) -> Section | None:
@@ -150,4 +178,9 @@ def _show_chains(posterior: Posterior) -> Section:
     share = posterior.statistics.get("accepted")
     told = f"; {format_share(share)} of the moves were accepted" if isinstance(share, float) else ""
     state = posterior.state[:1].upper() + posterior.state[1:]
-    return Section("The chains", [f"{state}{told}."], pictures)
+    times = [(clean(name, 60), f"{time:.0f}", f"{size:.0f}", f"{rhat:.3f}") for name, time, size, rhat in zip(
+        posterior.target.names, posterior.convergence.times, posterior.convergence.sizes, posterior.convergence.rhats,
+        strict=True)]
+    table = Table(("parameter", "autocorrelation time", "effective sample size", "R-hat"), times,
+                  "Autocorrelation time: steps of a walker that are worth one independent draw.")
+    return Section("The chains", [f"{state}{told}."], pictures, [table])
