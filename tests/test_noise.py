@@ -161,6 +161,19 @@ def test_a_right_statement_stands(rho, white, misfit):
         assert estimate_noise(fast, 1.0, 0.05, 2.0, whole=whole) == estimate_noise(fast, 1.0, 0.05, 2.0)
 
 
+@pytest.mark.parametrize("wavelength", [20.0, 33.3])
+@pytest.mark.parametrize("rho", [0.0, 0.4])
+def test_a_stick_slip_is_no_loud_noise(rho, wavelength):
+    """Saw teeth of several times the stated noise, in step in all records: the size taken stays far below theirs."""
+    place = np.arange(240)
+    for seed, factor in enumerate((4.0, 6.0, 9.0)):
+        generator = np.random.default_rng([31, seed])
+        teeth = factor * 2.0 * np.sqrt(3.0) * (2.0 * (place / wavelength % 1.0) - 1.0)
+        traces = [draw_noise(generator, 240, 2.0, rho, 0.0) + generator.uniform(0.7, 1.3) * teeth for _ in range(16)]
+        found = estimate_noise(traces, 1.0, 0.04, 2.0, whole=measure_deviation(traces))
+        assert found.sd < 0.6 * factor * 2.0
+
+
 @pytest.mark.parametrize("expected", [None, 1.3])
 def test_size_of_every_node_is_the_likeliest(expected):
     """Beside a fine grid: the loss, where it is least, and its curvature."""

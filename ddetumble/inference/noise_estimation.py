@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from scipy import sparse, special
+from scipy import sparse, special, stats
 from scipy.interpolate import BSpline
 
 from ..families import Span, find_family
@@ -54,6 +54,9 @@ class NoiseSettings:
     # Logarithm of the likelihood by which residuals must contradict a stated size before it is given up: what the fit
     # took of slow noise makes up to 7 of it.
     refuted: float = 12.0
+    # p-value of the strongest line in the spectrum under the noise that would take the stated one's place, below which
+    # it is none: a stick-slip of seven times the noise passed for noise as loud, whose spectrum its lines lie about.
+    lines: float = 0.005
     # Relative difference from the stated size from which on a model is fitted again under the measured one.
     differs: float = 0.1
     # level_change, correlation_change, white_change: changes of the logarithm of the size, of the correlation and of
@@ -298,8 +301,9 @@ def estimate_noise(traces: list[np.ndarray], interval: float, lowest: float, sta
         quiet: of samples without contact; it replaces what is stated where the two disagree beyond doubt, unless noise
             of the stated size would stray as little over so short a while.
         whole: of the residuals with all that is slow in them. Missing physics adds to it, so noise that would stray
-            further is none; where such noise alone agrees with the stated size, that is given up. None where the
-            residuals are not those of noise from sample to sample.
+            further is none; where noise of the stated size does not agree with that, it is given up, unless the
+            spectrum then has lines, as no noise has. None where the residuals are not those of noise from sample to
+            sample.
         settings: thresholds.
     """
     power, frequency = [], []
@@ -344,7 +348,9 @@ def estimate_noise(traces: list[np.ndarray], interval: float, lowest: float, sta
         own = choose(None, whole)
         gain = [judge(noise) + whole.lose(noise.sd, noise.correlation, noise.white_share, beyond=True)
                 for noise in (found, own)]
-        if doubt(own.sd) and gain[0] - gain[1] > settings.refuted:
+        ratio = means / (own.sd**2 * _spectrum(frequencies, interval, own.correlation, own.white_share))
+        lines = stats.gamma.sf(weight * counts * ratio, weight * counts).min() * len(ratio)
+        if doubt(own.sd) and gain[0] - gain[1] > settings.refuted and lines > settings.lines:
             return own
     return found
 

@@ -108,7 +108,7 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     if len(steps) > 1 and selection.holds_out:
         biases = [one for one in fit_biases(selection, steps[0].fitted, steps[-1].fitted) if not one.rejected
                   and not settings.is_beaten(one.difference, one.standard_error)]
-        if biases and biases[0].merit < steps[-1].fitted.merit:
+        if biases:
             # Where the effects leave a misfit and the bias none, nothing speaks for them.
             verdict, steps = "nothing-missing" if steps[-1].lack.rejected else "undecided", steps[:1]
     if path.ambiguous and verdict == "nothing-missing":

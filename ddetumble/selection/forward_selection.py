@@ -478,7 +478,8 @@ def allow_wander(path: Path, report: Progress = lambda text, share: None) -> Pat
     at = last.fitted.solution
     plain = selection.loosen(found.selection.spread).problem.solve(at.names, at.u, at.z, moving=False)
     chance = selection.measure_repeats(plain)
-    return found if chance is not None and chance > limits.repeats else path
+    level = limits.repeats if slow.roughness < limits.spread.worth else limits.repeats_rough
+    return found if chance is not None and chance > level else path
 
 
 def free_chosen(selection: SelectionProblem, chosen: Fitted) -> SelectionProblem:

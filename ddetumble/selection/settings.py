@@ -98,6 +98,7 @@ class SelectionSettings:
             may be no force's: what noise happens to share with one, and
         repeats: p-value of a misfit that repeats over the records, above which it is none: at 1 % a wear that no
             catalogue holds passed for a baseline that wanders.
+        repeats_rough: the same of baselines that are rough beyond doubt, as a random walk is and no force's misfit.
         smooth: logarithm of the likelihood by which smooth baselines of tumbling records may come before rough ones, as
             random walks are, up to which they may be noise: of bodies with a force outside the catalogue it was 20 to
             2,500, of gyroscopes whose bias walks at random 5 at most.
@@ -142,6 +143,7 @@ class SelectionSettings:
     most_samples: int = 100_000
     little: float = 0.2
     repeats: float = 0.05
+    repeats_rough: float = 0.005
     smooth: float = 10.0
     bias: float = 0.02
     noise: NoiseSettings = NoiseSettings()
