@@ -340,6 +340,8 @@ ANSWERS = [
     (make_row(11, "one", "explained", ["gain"], ["gain", "a"], **GAUGE), False, False),
     (make_row(12, verdict="unexplained", bench=["tails", "hum"]), False, True),
     (make_row(13, verdict="unexplained"), False, True),
+    (make_row(14, verdict="explained", found=["gain", "ring"], bench=["ringing", "biased-gauge"],
+              told=["gain", "ring"]), True, False),
 ]
 
 
@@ -357,9 +359,9 @@ def test_benches_are_counted(tmp_path):
     counts = {name: {key: (share.count, share.total) for key, share in one.items()}
               for name, one in card["by_bench"].items()}  # fmt: skip
     assert {name: one["false_alarms"] for name, one in counts.items()} == {
-        "biased-gauge": (3, 6), "tails": (1, 2), "two together": (1, 1), "stated": (1, 1)}
+        "biased-gauge": (3, 6), "tails": (1, 2), "two together": (1, 2), "stated": (1, 1)}
     assert counts["biased-gauge"]["singles_right"] == (1, 4) and counts["tails"]["undecided"] == (1, 2)
-    assert card["command"].endswith("--bench drawn --cases 14 -o DIR") and card["exam"]["bench"] == "drawn"
+    assert card["command"].endswith("--bench drawn --cases 15 -o DIR") and card["exam"]["bench"] == "drawn"
     kept = json.loads((tmp_path / "scorecard.json").read_text(encoding="utf-8"))
     assert kept["by_bench"]["tails"]["false_alarms"]["upper"] == pytest.approx(scoring.count_share([1, 0]).upper)
     assert next(one for one in kept["failures"] if one["case"] == 12)["bench"] == ["tails", "hum"]

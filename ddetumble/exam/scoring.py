@@ -83,10 +83,10 @@ def is_first(row: Row) -> bool:
 def is_in_set(row: Row) -> bool:
     """Whether all hidden effects are among those named, with no more found than are hidden.
 
-    One more may be found where it says the same as what the bench did.
+    Further ones may be found that say the same as what the bench did.
     """
     return (row["verdict"] in ("explained", "improved") and set(row["effects"]) <= list_named(row)
-            and len(row["found"]) <= len(row["effects"]) + bool(list_told(row)))
+            and len(row["found"]) <= len(row["effects"]) + len(list_told(row)))
 
 
 def is_pinned(row: Row) -> bool:
@@ -104,7 +104,7 @@ def is_listed(row: Row) -> bool:
 def is_right(row: Row) -> bool:
     """Whether the verdict is what an honest judge could say.
 
-    Where nothing is hidden: that nothing is missing, or the one effect that says the same as what the bench did.
+    Where nothing is hidden: that nothing is missing, or the effects that say the same as what the bench did.
     """
     if row["kind"] == "nothing":
         told = row["verdict"] == "explained" and bool(list_told(row)) and is_in_set(row)
