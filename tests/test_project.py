@@ -17,7 +17,7 @@ from ddetumble.cli import app
 
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = ("README.md", "CONTRIBUTING.md", "docs/guide.md", "docs/scenario.md")
+PAGES = ("README.md", "CONTRIBUTING.md", "docs/guide.md", "docs/scenario.md", "docs/fit.md")
 PACKAGE = ROOT / "ddetumble"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 LAYERS = (
@@ -261,16 +261,21 @@ def test_readme_links():
     assert len(wanted) > 5 and set(wanted) <= {head.lower().replace(" ", "-") for head in heads}
 
 
-def test_scenario_page_is_current(tmp_path):
-    """`docs/scenario.md` lists the keys that are read, and the smallest scenario on it can be planned with."""
+def test_pages_of_keys_are_current(tmp_path):
+    """They list the keys that are read, each with its meaning, and what they show can be read."""
+    from ddetumble.inference.specification import read_specification
     from ddetumble.planning.scenario import pose_problem, read_scenario
-    from docs.scenario_page import PAGE, write_page
+    from docs.file_pages import FIT, FOLDER, SCENARIO, write_pages
 
-    text = PAGE.read_text(encoding="utf-8")
-    assert text == write_page()
-    file = tmp_path / "smallest.toml"
-    file.write_text(re.findall(r"```toml\n(.*?)```", text, re.DOTALL)[0], encoding="utf-8")
-    assert float(pose_problem(read_scenario(file), tmp_path).angular_velocity[0]) == 0.05
+    examples = {}
+    for name, text in write_pages().items():
+        assert (FOLDER / name).read_text(encoding="utf-8") == text
+        examples[name] = tmp_path / name.replace(".md", ".toml")
+        examples[name].write_text(re.findall(r"```toml\n(.*?)```", text, re.DOTALL)[0], encoding="utf-8")
+    assert float(pose_problem(read_scenario(examples["scenario.md"]), tmp_path).angular_velocity[0]) == 0.05
+    assert read_specification(examples["fit.md"])[0].priors["restitution"].sd == 0.05
+    tables = dict((*FIT, *SCENARIO))
+    assert all(field.description or key in tables for one in tables.values() for key, field in one.model_fields.items())
 
 
 @pytest.mark.slow

@@ -1,7 +1,7 @@
 """`fits/NAME/fit.toml`: one file that specifies a fit completely."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import pydantic
 from pydantic import Field, StrictBool, StrictFloat, StrictInt, StrictStr
@@ -22,44 +22,45 @@ Number = StrictFloat | StrictInt
 
 
 class Prior(Strict):
-    """A Gaussian prior of one parameter, in its unit."""
+    """A Gaussian prior of one parameter."""
 
-    mean: Number
-    sd: Annotated[Number, Field(gt=0)]
+    mean: Number = Field(description="in the parameter's unit")
+    sd: Number = Field(gt=0, description="standard deviation, in the same unit")
 
 
 class Sampler(Strict):
     """How `ddetumble sample` draws from the posterior; a fit checks it and leaves it alone."""
 
-    name: Literal["emcee", "nuts"] = "emcee"
-    # Of each ensemble, even; 0 for as many as the number of parameters asks for.
-    walkers: Annotated[StrictInt, Field(ge=0)] = 0
-    ensembles: Annotated[StrictInt, Field(ge=1)] = 4  # independent ones; chains of NUTS
-    # steps, burn: after the burn-in at most, and first ones, left out.
-    steps: Annotated[StrictInt, Field(ge=1)] = 5000
-    burn: Annotated[StrictInt, Field(ge=0)] = 100
-    effective: Annotated[StrictInt, Field(ge=1)] = 2000  # independent draws wanted of every parameter
+    name: Literal["emcee", "nuts"] = Field("emcee", description='`"emcee"`, or `"nuts"` with the extra `nuts`')
+    walkers: StrictInt = Field(0, ge=0, description="of each ensemble, even; 0 for as many as the parameters ask for")
+    ensembles: StrictInt = Field(4, ge=1, description="independent ones; chains of NUTS")
+    steps: StrictInt = Field(5000, ge=1, description="after the burn-in, at most")
+    burn: StrictInt = Field(100, ge=0, description="first steps, which are left out")
+    effective: StrictInt = Field(2000, ge=1, description="independent draws that are wanted of every parameter")
 
 
 class Specification(Strict):
     """Content of `fit.toml`; all numbers are in the units that `ddetumble effects` shows (SI)."""
 
-    schema_: Literal["ddetumble.fit/1"] = Field(alias="schema")
-    # Folder from the file's own folder on, or the name of a campaign that comes with the toolkit.
-    campaign: Annotated[StrictStr, Field(min_length=1)]
-    title: StrictStr = ""
-    # Reference model; `FILE.py:NAME` from the file's own folder on.
-    model: Annotated[StrictStr, Field(min_length=1)] = "paper"
-    effects: list[StrictStr] = []  # ids of the catalogue, or `FILE.py:NAME`
-    free: dict[str, Number | Literal[True]] = {}  # further parameters to fit, each with its start (or `true`)
-    fixed: dict[str, Number] = {}  # parameters held at a value
-    priors: dict[str, Prior] = {}  # Gaussian priors of free parameters
-    bounds: dict[str, tuple[Number, Number]] = {}  # low and high of free parameters
-    nuisances: StrictBool = True  # whether each record's conditions and time origin move within their uncertainty
-    noise: Literal["measured", "stated"] = "measured"  # `measured` (correlation from the residuals) or `stated` (white)
-    # sampler, seed: for `ddetumble sample`.
-    sampler: Sampler = Sampler()
-    seed: Annotated[StrictInt, Field(ge=0)] = 0
+    schema_: Literal["ddetumble.fit/1"] = Field(alias="schema", description='`"ddetumble.fit/1"`')
+    campaign: StrictStr = Field(
+        min_length=1, description="its folder from the file's own folder on, or the name of a shipped one")
+    title: StrictStr = Field("", description="for people")
+    model: StrictStr = Field("paper", min_length=1, description=(
+        "reference model (`ddetumble models`), a folder that `fit` or `discover` wrote, or `FILE.py:NAME` from the "
+        "file's own folder on"))
+    effects: list[StrictStr] = Field([], description="ids of the catalogue, or `FILE.py:NAME`")
+    free: dict[str, Number | Literal[True]] = Field({}, description=(
+        "further parameters to fit, by name: a start, or `true` for the default"))
+    fixed: dict[str, Number] = Field({}, description="parameters that are held at a value, by name")
+    priors: dict[str, Prior] = Field({}, description="Gaussian priors of fitted parameters, by name")
+    bounds: dict[str, tuple[Number, Number]] = Field({}, description="`[low, high]` of fitted parameters, by name")
+    nuisances: StrictBool = Field(True, description=(
+        "whether each record's conditions and time origin move within their stated uncertainty"))
+    noise: Literal["measured", "stated"] = Field("measured", description=(
+        '`"measured"`: its correlation, from the residuals; or `"stated"`: white, of the stated size'))
+    sampler: Sampler = Field(Sampler(), description="for `sample` alone")
+    seed: StrictInt = Field(0, ge=0, description="of the sampler")
 
 
 def read_specification(path) -> tuple[Specification, str]:

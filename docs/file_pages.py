@@ -1,7 +1,7 @@
-"""Write `docs/scenario.md`, every key of `SCENARIO.toml` and of `plan.json`: `python -m docs.scenario_page`.
+"""Write `docs/scenario.md` and `docs/fit.md`, every key of the files that users write: `python -m docs.file_pages`.
 
-The keys, defaults and their meaning are read off `ddetumble.planning.scenario`, so that the page cannot differ from
-what is checked.
+The keys, defaults and their meaning are read off `ddetumble.planning.scenario` and `ddetumble.inference.specification`,
+so that the pages cannot differ from what is checked.
 """
 
 import sys
@@ -10,18 +10,47 @@ from pathlib import Path
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
+from ddetumble.inference import specification
 from ddetumble.planning import scenario
 
 
-PAGE = Path(__file__).resolve().parent / "scenario.md"
-TABLES = (("", scenario.Scenario), ("debris", scenario.DebrisTable), ("ball", scenario.BallTable),
+FOLDER = Path(__file__).resolve().parent
+SCENARIO = (("", scenario.Scenario), ("debris", scenario.DebrisTable), ("ball", scenario.BallTable),
           ("arm", scenario.ArmTable), ("limits", scenario.LimitTable), ("goal", scenario.GoalTable),
           ("errors", scenario.ErrorTable), ("uncertainty", scenario.UncertaintyTable),
           ("uncertainty.parameters.NAME", scenario.SpreadTable))
-INTRODUCTION = """\
+FIT = (("", specification.Specification), ("sampler", specification.Sampler), ("priors.NAME", specification.Prior))
+BEFORE_FIT = """\
+# What a `fit.toml` may say
+
+Made by `python -m docs.file_pages`. One TOML file says everything about a fit and gives the same result wherever it is:
+`ddetumble fit FILE.toml`, `ddetumble sample FILE.toml -o DIR`, `dd.fit("FILE.toml")`. Results of a fit go beside it.
+Numbers are in the units that `ddetumble effects` and `ddetumble models` show. A name with a dot (`wall-stiffness.q`)
+needs quotes, or a table of its own. Keys that are not listed are refused, with their name.
+
+```toml
+schema = "ddetumble.fit/1"
+title = "A wall with a free exponent"
+campaign = "impact-h"
+effects = ["arm-servo", "wall-stiffness"]
+
+[free]
+"wall-stiffness.q" = 1.5      # starts there; `true` starts at the default
+
+[fixed]
+outer_diameter = 0.060        # m
+
+[priors]
+restitution = { mean = 0.7, sd = 0.05 }
+
+[bounds]
+"wall-stiffness.k_w" = [0.0, 1e5]
+```
+"""
+BEFORE_SCENARIO = """\
 # What `ddetumble plan` reads and writes
 
-Made by `python -m docs.scenario_page`. A scenario is one TOML file; numbers are SI, angles in degrees where the key
+Made by `python -m docs.file_pages`. A scenario is one TOML file; numbers are SI, angles in degrees where the key
 says so; a text with a unit does as well (`"3 deg/s"`, `"12 cm"`, `"76 N"`). Keys that are not listed are refused, with
 their name. The smallest scenario:
 
@@ -39,7 +68,7 @@ over an edge is left out: the contact disc keeps `limits.edge` from every edge. 
 it drives the ball as well where the fitted model holds `arm-servo`. `plan_for = "mean"` and `"tail"` plan each impact
 of a sequence for itself.
 """
-RESULT = """\
+AFTER_SCENARIO = """\
 ## `plan.json`
 
 | key | meaning |
@@ -87,22 +116,29 @@ def show_default(field: FieldInfo) -> str:
     return f'`"{value}"`' if isinstance(value, str) else f"`{value:g}`"
 
 
-def write_page() -> str:
-    """The page."""
-    lines = [INTRODUCTION]
-    for name, table in TABLES:
+def list_keys(tables) -> list[str]:
+    """Lines of the tables of all keys; `tables` are the names of TOML tables, the top one first, and what is read."""
+    lines = []
+    for name, table in tables:
         title = f"## `[{name}]`" if name else "## At the top"
         lines += [title, "", "| key | default | meaning |", "| --- | --- | --- |"]
         for key, field in table.model_fields.items():
-            if name == "" and key in dict(TABLES):
+            if name == "" and key in dict(tables):
                 continue
             shown = field.alias or key
             meaning = (field.description or "").replace("|", chr(92) + "|")
             lines.append(f"| `{shown}` | {show_default(field)} | {meaning} |")
         lines.append("")
-    return "\n".join([*lines, RESULT])
+    return lines
+
+
+def write_pages() -> dict[str, str]:
+    """The pages, by name of their files."""
+    return {"scenario.md": "\n".join([BEFORE_SCENARIO, *list_keys(SCENARIO), AFTER_SCENARIO]),
+            "fit.md": "\n".join([BEFORE_FIT, *list_keys(FIT)])}
 
 
 if __name__ == "__main__":
-    PAGE.write_text(write_page(), encoding="utf-8")
-    sys.stdout.write(f"{PAGE.name}\n")
+    for page, text in write_pages().items():
+        (FOLDER / page).write_text(text, encoding="utf-8")
+        sys.stdout.write(f"{page}\n")
