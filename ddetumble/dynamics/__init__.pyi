@@ -12,6 +12,8 @@ from .bodies import Mesh as Mesh
 from .bodies import Sphere as Sphere
 from .bodies import read_mesh as read_mesh
 from .collision import simulate_collision as simulate_collision
+from .curves import friction_coefficient as friction_coefficient
+from .curves import normal_force as normal_force
 from .free_motion import propagate_torque_free as propagate_torque_free
 from .impact import simulate_impact as simulate_impact
 from .rigid import Tumble as Tumble
