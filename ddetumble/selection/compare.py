@@ -197,6 +197,11 @@ class Comparisons(Sequence[Comparison], _Written):
         return self.models[k]
 
     @property
+    def traces(self) -> dict[str, list[Trace]]:
+        """Records beside each model, by its name, as figures take them."""
+        return {name: list(one.traces) for name, one in zip(self.names, self.models, strict=True)}
+
+    @property
     def failures(self) -> list[str]:
         """Which models could not be compared, and why, a sentence each."""
         return [f"{name} could not be compared: {why.rstrip('.')}." for name, why in self.failed.items()]
