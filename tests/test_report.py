@@ -30,7 +30,8 @@ from ddetumble.measurement.quantities import (
     format_value,
     name_steps,
 )
-from ddetumble.reports import Picture, Section, Table, write_comparison, write_page, write_report
+from ddetumble.reports import Picture, Section, Table, write_page, write_report
+from ddetumble.reports.findings import show_failures, show_fits
 from ddetumble.selection.result import Place, Trace
 from ddetumble.selection.text import align, choose_view, describe_place
 from tests.helpers_report import (
@@ -293,7 +294,8 @@ def test_generic_page(tmp_path):
 
 def write_traces(traces, folder):
     """A page of one model without a verdict, as fits and comparisons have it."""
-    return write_comparison("The model misses.", {"paper": traces}, folder, status=["campaign impact-f"])
+    sections = [show_fits({"paper": traces}), show_failures({"paper": traces})]
+    return write_page("Model", "The model misses.", sections, folder, status=["campaign impact-f"])
 
 
 @pytest.mark.slow

@@ -59,12 +59,12 @@ class Outlook:
     """What a plan does under the draws of one model, or of all."""
 
     weight: float  # of the model
-    momentum: Spread  # share of the angular momentum left [-]
-    peak_force: Spread  # [N]
+    share_left: Spread  # of the angular momentum [-]
+    peak_normal_force: Spread  # [N]
     peak_depression: Spread  # [m]
     violated: dict[str, float]  # probability that a constraint does not hold, by name
-    shares: np.ndarray  # of the momentum left, one a draw, shape (draws,) [-]
-    nominal: float  # share left under the best estimate [-]
+    draws: np.ndarray  # share left, one a draw, shape (draws,) [-]
+    best_estimate: float  # share left under it [-]
     regret: Regret  # of a plan for another model where this one is true; of all models together the largest
 
 
@@ -86,8 +86,8 @@ class Assessment:
 class Prospect:
     """What a sequence does under the draws of all models."""
 
-    after: tuple[Spread, ...]  # share of the angular momentum left after each impact
-    best: np.ndarray  # the same under the best estimate, shape (impacts,) [-]
+    share_left: tuple[Spread, ...]  # of the angular momentum, after each impact
+    best_estimate: np.ndarray  # the same under it, shape (impacts,) [-]
     reached: float  # probability that no more than the wanted share is left at the end
     # Probability that a constraint of an impact does not hold, by the impact's number and its name; only those that are
     # not nought.
@@ -184,7 +184,7 @@ def assess_plan(problem: StrikeProblem, plan: StrikePlan, laws: Laws, *, tail: f
     passed = max(regrets, key=lambda one: one.beyond)
     worst = Regret(max(one.loss for one in regrets), passed.beyond, passed.limit)
     whole = _look(problem, values, weights, tail, 1.0, float(best[main, 0]), worst)
-    means = [one.momentum.mean for one in models.values()]
+    means = [one.share_left.mean for one in models.values()]
     # Standard deviations within a model, of the momentum left and of every constraint.
     inside = [np.average((own - own.mean(axis=0)) ** 2, axis=0)
               for own in (values[owners == k] for k in range(len(models)))]
@@ -225,7 +225,7 @@ def assess_sequence(problem: StrikeProblem, sequence: Impacts, laws: Laws, share
 
 def _describe_spread(whole: Outlook, tail: float) -> str:
     """How much is left, and how often a limit is passed."""
-    one = whole.momentum
+    one = whole.share_left
     passed = [f"{name} ({100 * share:.0f} % of the draws)" for name, share in whole.violated.items() if share > 0]
     limits = f"Limits violated in some draws: {', '.join(passed)}." if passed else "No limit is violated in any draw."
     return (f"Under the uncertainty of the contact the first impact leaves {100 * one.mean:.2f} ± {100 * one.sd:.2f} % "

@@ -25,8 +25,8 @@ from .page import Picture, Section, Table, flatten, write_page
 HEADLINE = 105  # characters of intervals in the first sentence: two lines of a page
 
 
-def write_posterior(posterior: Posterior, folder, name: str = "report.html") -> Path:
-    """Write what the draws of `sample` say, examined or not, as one page of that name; returns its path.
+def write_posterior(posterior: Posterior, folder) -> Path:
+    """Write what the draws of `sample` say, examined or not, as one page; returns its path.
 
     Raises:
         InputError: The folder cannot be written.
@@ -48,7 +48,7 @@ def write_posterior(posterior: Posterior, folder, name: str = "report.html") -> 
     sections = [_show_parameters(posterior), _show_predictive(posterior), _show_left_out(posterior),
                 _show_chains(posterior), Section("Provenance", tables=[Table(("item", "value"), rows)])]
     return write_page(f"Posterior: {posterior.title}", _say_posterior(posterior), [s for s in sections if s], folder,
-                      name, badge="converged" if posterior.converged else "not converged", status=status, facts=facts)
+                      badge="converged" if posterior.converged else "not converged", status=status, facts=facts)
 
 
 def _say_posterior(posterior: Posterior) -> str:
@@ -71,9 +71,8 @@ def _say_posterior(posterior: Posterior) -> str:
     if checks is None:
         return f"{text} They are valid if the model is right, which was not checked."
     if checks.rejected:
-        return (f"These intervals cannot be relied on: the measured records do not agree with records replicated from "
-                f"the "
-                f"model ({say_p(checks.p_value)}). {text}")
+        return ("These intervals cannot be relied on: the measured records do not agree with records replicated from "
+                f"the model ({say_p(checks.p_value)}). {text}")
     return f"{text} The measured records agree with records replicated from the model ({say_p(checks.p_value)})."
 
 
