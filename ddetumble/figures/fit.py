@@ -5,6 +5,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
+import pandas as pd
 from matplotlib.ticker import MaxNLocator
 
 from ..measurement.quantities import Quantity, clean, describe_conditions, describe_quantity, shorten_names, vary
@@ -339,11 +340,8 @@ def _smooth(trace: Trace) -> np.ndarray:
     """
     residual = standardise(trace)
     width = max(3, residual.size // 25) | 1 if find_stretch(trace) == find_span(trace) else 3
-    smooth, kernel = residual.copy(), np.ones(width)
+    smooth = residual.copy()
     for part in find_strokes(trace):
-        good = np.isfinite(residual[part])
-        if good.size > width:
-            count = np.convolve(good.astype(float), kernel, mode="same")
-            total = np.convolve(np.where(good, residual[part], 0.0), kernel, mode="same")
-            smooth[part] = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+        if residual[part].size > width:
+            smooth[part] = pd.Series(residual[part]).rolling(width, center=True, min_periods=1).mean()
     return smooth

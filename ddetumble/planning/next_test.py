@@ -1,25 +1,24 @@
 """The next test: conditions, or a channel to add, that best tell apart what a campaign could not."""
 
 import dataclasses as dc
-import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import minimize
 from scipy.stats import qmc
 
-from .._display import AbstractPrinted, Progress
+from .._display import Progress
 from .._errors import ComputationError, InputError
 from ..families import find_family, list_families
 from ..inference.archive import AbstractFitted, FittedModel, load, take_fitted
-from ..inference.files import list_versions, make_plain, write_json
+from ..inference.files import AbstractWritten, list_versions, make_plain
 from ..measurement.quantities import describe_quantity, format_plain, join_words
-from ..posterior.stacking import list_rivals
+from ..posterior.stacking import read_discovery
 from ..selection.discovery import Discovery
-from ..selection.result import RESULT
+from ..selection.result import RESULT, list_fields
 from ..selection.settings import DEFAULT
 from .distinguishability import (
     Distances,
@@ -36,7 +35,6 @@ from .distinguishability import (
 from .setting_ranges import Extra, Limit, Range, list_extras, set_limits
 
 
-FILE = "design.json"
 MOST = 30  # repeats beyond which a test is no proposal: nobody makes more
 STEPS = 15  # of the refit that checks a separation: more end a difficult refit, at the price of time
 EDGE = 5e-3  # fraction of its range within which a condition stands at a limit: what an optimiser leaves of it
@@ -95,9 +93,10 @@ class Proposal:
 
 
 @dc.dataclass(frozen=True)
-class Design(AbstractPrinted):
+class Design(AbstractWritten):
     """What to measure next; `to_dict()` is `design.json`."""
 
+    file: ClassVar[str] = "design.json"
     campaign: str  # of the discovery or fit, as the next two
     family: str
     verdict: str
@@ -114,16 +113,8 @@ class Design(AbstractPrinted):
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the curves, as JSON can hold it."""
-        skip = ("time", "channels", "curves")
-        proposals = [{f.name: getattr(p, f.name) for f in dc.fields(p) if f.name not in skip} for p in self.proposals]
-        plain = {f.name: getattr(self, f.name) for f in dc.fields(self)}
-        return make_plain({**plain, "proposals": proposals, "versions": list_versions()})
-
-    def save(self, folder: Path | str) -> Path:
-        """Write `design.json` into a folder (made if it is not there); returns its path."""
-        path = Path(folder) / FILE
-        write_json(path, self.to_dict())
-        return path
+        proposals = [list_fields(one, "time", "channels", "curves") for one in self.proposals]
+        return make_plain({**list_fields(self), "proposals": proposals, "versions": list_versions()})
 
 
 def design(models: str | Path | Fitted | Sequence[Fitted], *, limits: Mapping[str, Range] | Sequence[str] | None = None,
@@ -181,32 +172,14 @@ def list_confused(models: str | Path | Fitted | Sequence[Fitted]) -> tuple[list[
         InputError: there is no fitted model, the rivals were not written, or they are of several campaigns.
     """
     if isinstance(models, (str, Path)):
-        return _read_confused(Path(models))
+        folder = Path(models)
+        return read_discovery(folder) if (folder / RESULT).is_file() else ([load(folder)], "fit")
     if isinstance(models, Discovery):
         return [models.fitted_model(), *(one.fitted_model() for one in models.rivals)], models.verdict
     found = [take_fitted(one) for one in ([models] if isinstance(models, (FittedModel, AbstractFitted)) else models)]
     if len({(one.sha256, type(one.space.reference)) for one in found}) != 1:
         raise InputError("the models must be fits to one campaign that extend one reference model")
     return found, "fit" if len(found) == 1 else "undecided"
-
-
-def _read_confused(folder: Path) -> tuple[list[FittedModel], str]:
-    best, result = load(folder), folder / RESULT
-    if not result.is_file():
-        return [best], "fit"
-    try:
-        content = json.loads(result.read_text(encoding="utf-8"))
-        verdict, expected = str(content["verdict"]), [str(e) for e in content["steps"][-1]["alternatives"]]
-    except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError, RecursionError):
-        raise InputError("this is not a result of discover, or is damaged; run discover again", file=result) from None
-    rivals = [load(place) for place in list_rivals(folder)[1:]]
-    if len(rivals) < len(expected):
-        raise InputError(f"the rivals ({', '.join(expected)}) are not in this folder; run discover again", file=folder)
-    for one in rivals:
-        if one.sha256 != best.sha256 or type(one.space.reference) is not type(best.space.reference):
-            raise InputError("the rivals were fitted to a different campaign from the model; run discover again",
-                             file=one.folder)
-    return [best, *rivals], verdict
 
 
 def search_conditions(preview: Preview, mask: np.ndarray) -> tuple[np.ndarray, float]:
