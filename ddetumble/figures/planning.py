@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
-from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullFormatter, NullLocator, PercentFormatter
+from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from ..families import find_family
 from ..measurement.quantities import clean, describe_quantity
@@ -126,9 +126,8 @@ def draw_power(bins: Sequence[Mapping[str, Any]], level: float = 0.01, narrow: b
                           textcoords="offset points", ha="center", color=GREY, fontsize=8)
     edges = sorted({b["low"] for b in bins} | {b["high"] for b in bins})
     axes.set_xlim(edges[0] * 0.95, edges[-1] * 1.05)
-    axes.xaxis.set_major_locator(FixedLocator(edges))
-    axes.xaxis.set_minor_locator(NullLocator())
-    axes.set_xticklabels([f"{edge:g}" for edge in edges])
+    axes.set_xticks(edges, [f"{edge:g}" for edge in edges])
+    axes.minorticks_off()
     axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=" %"))
     head_figure(figure, [key_line(colour, 1.4, marker=marker, ms=5) for _, _, colour, marker in CURVES],
                 [label for _, label, _, _ in CURVES])
@@ -198,8 +197,8 @@ def draw_prospect(best: np.ndarray, low: np.ndarray, high: np.ndarray, tail: np.
     axes.plot(number, best, color=INK, lw=1.4, marker="o", ms=3, label="best estimate")
     axes.plot(number, tail, color=INK, lw=1.4, ls="--", label="mean of the worst draws")
     axes.axhline(100 * share, color=INK, lw=0.8, ls=":", label="wanted")
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, place: f"{value:g}"))
-    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter("")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     head_figure(figure, *axes.get_legend_handles_labels())
     return figure
