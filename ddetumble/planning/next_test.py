@@ -12,6 +12,7 @@ from scipy.stats import qmc
 
 from .._display import Progress
 from .._errors import ComputationError, InputError
+from .._sentences import say, tell
 from ..families import find_family, list_families
 from ..inference.archive import AbstractFitted, FittedModel, load, take_fitted
 from ..inference.files import AbstractWritten, list_versions, make_plain
@@ -162,7 +163,7 @@ def design(models: str | Path | Fitted | Sequence[Fitted], *, limits: Mapping[st
     # The campaign's own channels first among those that tell as many pairs apart by as few repeats.
     ranked = sorted(proposals, key=lambda one: (-one.split, one.repeats or 0, one.extra is not None))
     found = Design(rivals[0].campaign, rivals[0].family, verdict, names, chosen, tuple(ranked), DEFAULT.decisive, "")
-    return dc.replace(found, sentence=_explain(found), notes=_list_notes(found, rivals[0]))
+    return _explain(found, rivals[0])
 
 
 def list_confused(models: str | Path | Fitted | Sequence[Fitted]) -> tuple[list[FittedModel], str]:
@@ -292,66 +293,20 @@ def _narrow(saved: FittedModel, found: Distances) -> tuple[Narrowing, ...]:
     return tuple(sorted(narrowed, key=lambda n: n.after / max(n.before, 1e-300)))
 
 
-def _explain(found: Design) -> str:
-    best, rivals = found.proposals[0], join_words(found.rivals)
-    test = describe_test(best, found.limits)
-    if len(found.rivals) == 1:
-        said = "Nothing is confounded here, so there is nothing to separate."
-        if found.verdict in ("improved", "unexplained"):
-            said += " But lack of fit remains: first find what is missing; what follows holds for the present model."
-        if not best.narrowings:
-            return f"{said} The model has no free parameter whose uncertainty a test could reduce."
-        return (f"{said} The test that reduces the uncertainty of the parameters most is {test}: "
-                f"{join_words([str(n) for n in best.narrowings[:3]])}.")
-    if not best.split:
-        more = ", or name another channel" if find_family(found.family).plan.added else ""
-        return (f"No test within these limits distinguishes {rivals}: in the best one they differ by "
-                f"{best.pairs[0].distance:.2g} standard deviations once either is refitted, and {MOST} repeats "
-                f"are not enough. Widen the limits{more}.")
-    tests = "one such test is" if best.repeats == 1 else f"{best.repeats} such tests are"
-    sentence = (f"To distinguish {rivals}, measure {test}: {tests} expected to separate the models by Δχ² > "
-                f"{DEFAULT.decisive:g}, where discover rejects the worse one.")
-    together = [f"{pair.first} from {pair.second}" for pair in best.pairs if pair.repeats is None]
-    return f"{sentence} It does not distinguish {join_words(together)}." if together else sentence
-
-
-def _list_notes(found: Design, saved: FittedModel) -> tuple[str, ...]:
-    """What was assumed, what else there is."""
+def _explain(found: Design, saved: FittedModel) -> Design:
+    """With its sentence, and notes on what was assumed and what else there is."""
     best, *others = found.proposals
-    notes = []
-    for pair in best.pairs if best.split else ():
-        after = f"they are distinguished after {_count_tests(pair.repeats)}" if pair.repeats else (
-            f"{MOST} repeats do not distinguish them")
-        notes.append(f"{pair.first} and {pair.second} differ by {pair.distance:.3g} standard deviations in one such "
-                     f"test; {after}.")
-    for other in others:
-        where = describe_test(other, found.limits)
-        if len(found.rivals) == 1:
-            notes.append(f"Alternatively, measure {where}: {join_words([str(n) for n in other.narrowings[:2]])}.")
-        elif not other.split:
-            notes.append(f"A test {where} is not enough ({other.pairs[0].distance:.2g} standard deviations).")
-        else:
-            told = "all pairs" if other.split == len(other.pairs) else f"{other.split} of {len(other.pairs)} pairs"
-            notes.append(f"Alternatively, measure {where}: {told} are distinguished after "
-                         f"{_count_tests(other.repeats)}.")
-    for free, word in ((True, "The search was within these limits"), (False, "These conditions were held")):
-        those = ", ".join(_describe_limit(limit) for limit in found.limits if limit.free == free)
-        notes += [f"{word}: {those}."] if those else []
-    if best.at_limit:
-        notes.append(f"It is at the limit of {join_words(best.at_limit)}: wider limits may give a better test.")
-    outside = saved.outside(best.conditions, slack=0.02)  # as in predictions
-    if outside:
-        notes.append("The proposal extrapolates: " + "; ".join(outside) + ".")
-    assumed = [f"{p.extra.name} {p.extra.sd:g} {p.extra.unit}".removesuffix(" 1") for p in found.proposals
-               if p.extra is not None and p.extra.assumed]
-    if assumed:
-        notes.append(f"The noise of channels that could be added is assumed: {', '.join(assumed)}; state yours by "
-                     f"--channel.")
-    return tuple(notes)
-
-
-def _count_tests(repeats: int | None) -> str:
-    return f"{repeats} test{'s' * (repeats != 1)}"
+    sentence = say("plan.next_test", rivals=found.rivals, verdict=found.verdict, best=best,
+                   test=describe_test(best, found.limits), more=find_family(found.family).plan.added, most=MOST,
+                   decisive=DEFAULT.decisive)
+    notes = tell(
+        "plan.next_test_notes", best=best, others=[(one, describe_test(one, found.limits)) for one in others],
+        alone=len(found.rivals) == 1, most=MOST, ranges=[_describe_limit(one) for one in found.limits if one.free],
+        held=[_describe_limit(one) for one in found.limits if not one.free], at_limit=best.at_limit,
+        outside=saved.outside(best.conditions, slack=0.02),  # as in predictions
+        assumed=[f"{one.extra.name} {one.extra.sd:g} {one.extra.unit}".removesuffix(" 1") for one in found.proposals
+                 if one.extra is not None and one.extra.assumed])
+    return dc.replace(found, sentence=str(sentence), notes=tuple(notes))
 
 
 def describe_test(proposal: Proposal, limits: Sequence[Limit]) -> str:

@@ -12,6 +12,7 @@ import equinox as eqx
 import numpy as np
 
 from .._errors import ComputationError
+from .._sentences import say
 from ..contact.gripping import StrikeLaw
 from ..posterior.stacking import name_rival
 from .constraints import CONSTRAINTS, MISSED, Constraints
@@ -193,9 +194,13 @@ def assess_plan(problem: StrikeProblem, plan: StrikePlan, laws: Laws, *, tail: f
     slack = max(BEYOND, float(spreads[1 + CONSTRAINTS.index(worst.limit)]) if worst.limit else 0.0)
     costs = worst.loss > max(within, RESOLUTION) or worst.beyond > slack
     matters = costs or difference > max(within, RESOLUTION)
-    sentences = [_describe_spread(whole, tail)]
+    sentences = [str(say("plan.spread", whole=whole, tail=tail))]
     if len(models) > 1:
-        sentences.append(_describe_rivals(list(models), difference, within, worst, matters, costs, laws.folder))
+        names = ["nothing" if name == REFERENCE else name.replace("+", " with ") for name in models]
+        factor, unit = UNITS.get(worst.limit, (100.0, "%"))
+        excess = f"{factor * worst.beyond:.1f} {unit}" if worst.beyond > BEYOND else ""
+        sentences.append(str(say("plan.rivals", names=names, difference=difference, within=within, loss=worst.loss,
+                                 limit=worst.limit, excess=excess, matters=matters, costs=costs, folder=laws.folder)))
     return Assessment(tail, whole, models, difference, within, matters, tuple(sentences), note)
 
 
@@ -219,53 +224,6 @@ def assess_sequence(problem: StrikeProblem, sequence: Impacts, laws: Laws, share
     broken = np.einsum("d,dkc->kc", weights, rows[:, :, SHARE + 1:] < -ALLOWED)
     violated = {f"{k + 1}: {CONSTRAINTS[c]}": float(broken[k, c]) for k, c in zip(*np.nonzero(broken), strict=True)}
     reached = float(weights @ (left[:, -1] <= share * (1.0 + SLACK))) * (1.0 - lost)
-    return Prospect(after, np.sqrt(np.maximum(best[:, SHARE], 0.0)), reached, violated, lost,
-                    _describe_sequence(after, reached, violated, lost, share, tail))
-
-
-def _describe_spread(whole: Outlook, tail: float) -> str:
-    """How much is left, and how often a limit is passed."""
-    one = whole.share_left
-    passed = [f"{name} ({100 * share:.0f} % of the draws)" for name, share in whole.violated.items() if share > 0]
-    limits = f"Limits violated in some draws: {', '.join(passed)}." if passed else "No limit is violated in any draw."
-    return (f"Under the uncertainty of the contact the first impact leaves {100 * one.mean:.2f} ± {100 * one.sd:.2f} % "
-            f"of the angular momentum (90 % of the draws: {100 * one.q05:.2f} to {100 * one.q95:.2f} %), and in the "
-            f"worst {100 * tail:.0f} % of the draws {100 * one.tail:.2f} % on average. {limits}")
-
-
-def _describe_rivals(names: list[str], difference: float, within: float, worst: Regret, matters: bool, costs: bool,
-                     folder: str) -> str:
-    """Whether it matters which of the models is true."""
-    side = "more" if difference > within else "less"
-    names = ["nothing" if name == REFERENCE else name.replace("+", " with ") for name in names]
-    told = (f"Whether {', '.join(names[:-1])} or {names[-1]} is missing changes the momentum left by "
-            f"{100 * difference:.2f} % of the start, {side} than the uncertainty of the parameters ({100 * within:.2f} "
-            f"%), and planning with the wrong one costs at most {100 * worst.loss:.2f} %")
-    if worst.beyond > BEYOND:
-        factor, unit = UNITS.get(worst.limit, (100.0, "%"))
-        told += f" and violates a limit ({worst.limit}) by up to {factor * worst.beyond:.1f} {unit}"
-    if not matters:
-        return f"{told}: it does not matter for this plan."
-    after = f" `ddetumble design {folder}` finds the test that distinguishes them." if folder else ""
-    if not costs:
-        return f"{told}: it matters for the expected outcome, but not for how to strike.{after}"
-    return f"{told}: it matters for this plan.{after}"
-
-
-def _describe_sequence(after: tuple[Spread, ...], reached: float, violated: dict[str, float], lost: float, share: float,
-              tail: float) -> str:
-    end = after[-1]
-    told = (f"Under the uncertainty of the contact the {len(after)} impacts together, without replanning between "
-            f"them, leave {100 * end.mean:.2f} ± {100 * end.sd:.2f} % of the angular momentum, and in the worst "
-            f"{100 * tail:.0f} % of the draws {100 * end.tail:.2f} % on average; the wanted {100 * share:g} % are "
-            f"reached in {100 * reached:.0f} % of the draws.")
-    if violated:
-        worst = max(violated, key=lambda name: violated[name])
-        number, name = worst.split(": ")
-        told += (f" Some draws violate {len(violated)} of the limits, most often the {name} of impact {number} "
-                 f"({100 * violated[worst]:.0f} %).")
-    if lost > 0:
-        told += f" In {100 * lost:.0f} % of the draws the sequence could not be completed."
-    if reached < 0.5:
-        told += " Measure the motion after each impact, and replan those that follow."
-    return told
+    sentence = say("plan.sequence", count=len(after), end=after[-1], reached=reached, violated=violated, lost=lost,
+                   share=share, tail=tail)
+    return Prospect(after, np.sqrt(np.maximum(best[:, SHARE], 0.0)), reached, violated, lost, str(sentence))
