@@ -312,8 +312,7 @@ def _collect_constants(tests: list[RawTest], plan: Plan) -> dict[str, dict[str, 
                 raise InputError(problem, file=varying.file)
             for test in tests:
                 test.values.pop(name)
-            plan.notes.append(f"The column for {name} changes within a test, so it is not a condition and was left "
-                              f"out.")
+            plan.notes.append(f"The column for {name} changes within a test, so it is no condition and was left out.")
     return means
 
 

@@ -182,12 +182,10 @@ def draw_comparison(judged: Judged, printed: np.ndarray):
 @styled
 def draw_band(judged: Judged, inside: np.ndarray):
     """Figure 12 from the printed numbers: friction over pressure, where it bends, and errors in the band."""
-    figure = new_figure(3.6)
-    left, middle, right = figure.subplots(1, 3, width_ratios=(1.1, 1, 1.1))
+    figure, left, middle, right = new_axes(3.6, columns=3, xlabel="pressure [MPa], assumed", xlim=(-0.12, 2.62))
     x, y = read_pressures(judged) / 1e6, judged.values
     for axes in (left, middle, right):
         axes.axvspan(BAND[0] / 1e6, BAND[1] / 1e6, color=PLACE, lw=0)
-        dress(axes).set(xlabel="pressure [MPa], assumed", xlim=(-0.12, 2.62))
     left.plot(x, y, "-o", color=INK, ms=5, lw=1.2)
     left.set_ylabel("friction force, measured [N]")
     point_at(left, "band to avoid,\nsays the paper", (BAND[0] / 1e6, y.max()), (-5, -8), ha="right", color=GREY,
