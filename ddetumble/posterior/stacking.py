@@ -19,6 +19,7 @@ from scipy import optimize
 
 from .._display import AbstractPrinted, Progress
 from .._errors import ComputationError, InputError
+from .._sentences import say
 from .._settings import list_shipped
 from ..contact.effect import AbstractEffect
 from ..families import open_campaign
@@ -362,23 +363,11 @@ def compare_rivals(elpd: np.ndarray, weights: np.ndarray) -> list[tuple[float, f
 
 
 def _say(rivals: Sequence[Rival], conditions: int) -> str:
-    best, others = rivals[0], rivals[1:]
-    shares = ", ".join(f"{one.name} {one.weight:.2f}" for one in sorted(rivals, key=lambda r: -r.weight))
-    parts = [f"Stacking over {conditions} left-out conditions of {best.fit.campaign} gives the weights {shares} "
-             "(elpd: log predictive density of left-out conditions)"]
-    within = [one for one in others if -one.difference <= ERRORS * one.standard_error]
-    for outcome, own, text in (
-            ("preferred", others, "{} is preferred to {}"),
-            ("favoured", within, "the weights favour {} over {}, but the difference is within "
-             f"{ERRORS:g} standard errors"),
-            ("favoured", [one for one in others if one not in within], "the weights favour {} over {}, but a "
-             f"difference of less than {LEAST:g} does not settle the choice"),
-            ("indistinguishable", others, "{} is not distinguishable from {}")):
-        behind = ", ".join(f"{one.name} (elpd lower by {-one.difference:.1f} ± {one.standard_error:.1f})"
-                           for one in own if one.outcome == outcome)
-        if behind:
-            parts.append(text.format(best.name, behind))
-    return "; ".join(parts) + "."
+    groups = {"preferred": [], "within": [], "near": [], "alike": []}
+    for one in rivals[1:]:
+        nearby = "within" if -one.difference <= ERRORS * one.standard_error else "near"
+        groups[{"preferred": "preferred", "favoured": nearby}.get(one.outcome, "alike")].append(one)
+    return str(say("posterior.weights", rivals=rivals, conditions=conditions, errors=ERRORS, least=LEAST, **groups))
 
 
 def name_rival(effects: Sequence[str]) -> str:

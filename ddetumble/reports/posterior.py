@@ -4,6 +4,7 @@ import math
 from pathlib import Path
 
 from .. import figures
+from .._sentences import say
 from ..measurement.quantities import (
     clean,
     describe_conditions,
@@ -63,17 +64,9 @@ def _say_posterior(posterior: Posterior) -> str:
         if len(told) > 1 and len(join_words(told)) > HEADLINE:
             told.pop()
             break
-    rest, checks = len(names) - len(told), posterior.predictive
-    more = f" {rest} more {'parameters are' if rest > 1 else 'parameter is'} given below." if rest > 0 else ""
-    text = f"The 95 % intervals are {join_words(told)}.{more}"
-    if not posterior.converged:
-        return f"The chains have not converged, so these numbers are not final. {text}"
-    if checks is None:
-        return f"{text} They are valid if the model is right, which was not checked."
-    if checks.rejected:
-        return ("These intervals cannot be relied on: the measured records do not agree with records replicated from "
-                f"the model ({say_p(checks.p_value)}). {text}")
-    return f"{text} The measured records agree with records replicated from the model ({say_p(checks.p_value)})."
+    checks = posterior.predictive
+    return say("posterior.intervals", told=told, rest=len(names) - len(told), converged=posterior.converged,
+               checks=checks, p="" if checks is None else say_p(checks.p_value))
 
 
 def _show_parameters(posterior: Posterior) -> Section:
