@@ -33,7 +33,7 @@ from ..measurement.checks import check_values, read_known
 from ..measurement.columns import expand_role, read_pairs
 from ..measurement.kinds import list_kinds
 from ..measurement.layout import split_heading
-from ..measurement.tables import Table, convert_column, read_table
+from ..measurement.tables import convert_column, read_table
 from ..measurement.units import check_unit, parse_quantity, parse_uncertainty, si_unit
 from ..selection.detectability import Signature, detectable_length, find_size, reach_limit
 from ..selection.problem import SelectionProblem, pose_selection
@@ -283,7 +283,7 @@ def read_plan(path: Path | str, model: Model = "paper", *, channels: Sequence[st
             raise InputError(f"the heading has no unit; write it like '{name} [{si_unit(name)}]'", file=table.file,
                              column=heading)
         found = check_unit(unit or "1", name).convert(numbers)
-        check_values(name, found, Table(table.file, {name: table.columns[heading]}, table.lines), "records", None)
+        check_values(name, found, table, "records", None)
         if name == "repeats":
             repeats = found.astype(int)
         else:
