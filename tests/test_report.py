@@ -430,7 +430,7 @@ def test_axes_of_slip_records():
     assert [tick.get_text() for tick in ticks] == ["start", "¼", "½", "¾", "end"]
     errors = figures.draw_record_errors(models).axes[0]
     assert errors.get_xlabel() == "load [N]" and errors.get_ylabel() == "internal pressure [MPa] ·\nslip speed [m/s]"
-    assert errors.images[0].get_array().shape == (4, 3)
+    assert errors.collections[0].get_array().shape == (4, 3)
     assert [label.get_text() for label in errors.get_yticklabels()][:2] == ["0.80 · 0.02", "0.80 · 0.1"]
 
 
