@@ -67,7 +67,7 @@ def _plan_one(folder: Path, number: int) -> list[str]:
     if found.assessment is None:
         return [found.sentence]
     page = write_plan(found, folder / "plan")
-    left = found.assessment.whole.momentum
+    left = found.assessment.whole.share_left
     told = (f"It removes {100 * (1 - left.mean):.2f} ± {100 * left.sd:.2f} % of the angular momentum (90 % of the "
             f"draws: {100 * (1 - left.q95):.2f} to {100 * (1 - left.q05):.2f} %).")
     beyond = warn_of_extrapolation(found.ranges, found.impacts, found.problem.conditions)

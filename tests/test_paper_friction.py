@@ -53,7 +53,7 @@ def judged():
 
 @pytest.fixture(scope="module")
 def points():
-    return {point.number: point for point in list_friction_points(TABLE)}
+    return {point.row: point for point in list_friction_points(TABLE)}
 
 
 def leave_out(columns):

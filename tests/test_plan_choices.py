@@ -169,7 +169,7 @@ def test_errors_that_vanish_change_nothing(held):
         name: factor * size for name, size in ErrorTable().model_dump(exclude={"draws"}).items()}))
         for factor in (1e-6, 1.0))
     for one in tiny:
-        np.testing.assert_allclose(one.shares, plan.score, atol=1e-5)
+        np.testing.assert_allclose([one.mean, one.q95], plan.score, atol=1e-5)
         assert one.missed == 0.0 and one.violated == 0.0
     assert usual[-1].error == "all" and usual[-1].mean > plan.score
 

@@ -30,7 +30,8 @@ from ddetumble.measurement.quantities import (
     format_value,
     name_steps,
 )
-from ddetumble.reports import Picture, Section, Table, write_comparison, write_page, write_report
+from ddetumble.reports import Picture, Section, Table, write_page, write_report
+from ddetumble.reports.findings import show_failures, show_fits
 from ddetumble.selection.result import Place, Trace
 from ddetumble.selection.text import align, choose_view, describe_place
 from tests.helpers_report import (
@@ -293,7 +294,8 @@ def test_generic_page(tmp_path):
 
 def write_traces(traces, folder):
     """A page of one model without a verdict, as fits and comparisons have it."""
-    return write_comparison("The model misses.", {"paper": traces}, folder, status=["campaign impact-f"])
+    sections = [show_fits({"paper": traces}), show_failures({"paper": traces})]
+    return write_page("Model", "The model misses.", sections, folder, status=["campaign impact-f"])
 
 
 @pytest.mark.slow
@@ -428,7 +430,7 @@ def test_axes_of_slip_records():
     assert [tick.get_text() for tick in ticks] == ["start", "¼", "½", "¾", "end"]
     errors = figures.draw_record_errors(models).axes[0]
     assert errors.get_xlabel() == "load [N]" and errors.get_ylabel() == "internal pressure [MPa] ·\nslip speed [m/s]"
-    assert errors.images[0].get_array().shape == (4, 3)
+    assert errors.collections[0].get_array().shape == (4, 3)
     assert [label.get_text() for label in errors.get_yticklabels()][:2] == ["0.80 · 0.02", "0.80 · 0.1"]
 
 

@@ -83,9 +83,9 @@ def test_a_sequence_under_every_law(planned):
         left.append(own)
         kept.append(worst)
     left, kept = np.array(left), np.array(kept)
-    np.testing.assert_allclose([one.mean for one in found.after], left.mean(axis=0), rtol=1e-6)
-    np.testing.assert_allclose([one.sd for one in found.after], left.std(axis=0), rtol=1e-4)
-    assert found.after[-1].tail == pytest.approx(np.sort(left[:, -1])[-2:].mean(), rel=1e-6)
+    np.testing.assert_allclose([one.mean for one in found.share_left], left.mean(axis=0), rtol=1e-6)
+    np.testing.assert_allclose([one.sd for one in found.share_left], left.std(axis=0), rtol=1e-4)
+    assert found.share_left[-1].tail == pytest.approx(np.sort(left[:, -1])[-2:].mean(), rel=1e-6)
     assert found.reached == pytest.approx(np.mean(left[:, -1] <= 0.2), abs=1e-9) and found.lost == 0.0
     force = CONSTRAINTS.index("peak force")
     for k in range(3):
@@ -244,7 +244,7 @@ def test_equal_models_do_not_matter_and_unlike_ones_do(planned):
     same = assess_plan(problem, plan, join(one, one))
     assert not same.matters and same.difference == 0 and same.whole.regret.loss < 1e-4
     assert "does not matter" in same.sentences[1] and same.within > 0
-    assert same.whole.momentum.tail >= same.whole.momentum.mean
+    assert same.whole.share_left.tail >= same.whole.share_left.mean
     low, high = (vary_law(LAW, STATED | {"restitution": (mean, 0.02)}, draws=8) for mean in (0.5, 0.9))
     unlike = assess_plan(problem, plan, join(low, high))
     assert unlike.matters and unlike.difference > 3 * unlike.within and "it matters" in unlike.sentences[1]
@@ -252,9 +252,9 @@ def test_equal_models_do_not_matter_and_unlike_ones_do(planned):
     face = STAGE.surface.face_names().index(plan.face)
     for law, told in zip((low.main, high.main), unlike.models.values(), strict=True):
         own = evaluate(eqx.tree_at(lambda p: p.law, problem, law), jnp.asarray(face), jnp.asarray(plan.x))
-        assert told.nominal == pytest.approx(float(own[0]), rel=1e-9)
-        assert told.momentum.mean == pytest.approx(told.nominal, abs=3 * told.momentum.sd)
-    assert unlike.models["model-0"].momentum.mean > unlike.models["model-1"].momentum.mean
+        assert told.best_estimate == pytest.approx(float(own[0]), rel=1e-9)
+        assert told.share_left.mean == pytest.approx(told.best_estimate, abs=3 * told.share_left.sd)
+    assert unlike.models["model-0"].share_left.mean > unlike.models["model-1"].share_left.mean
 
 
 def test_command_tells_how_sure_a_plan_is(tmp_path, capsys):

@@ -5,6 +5,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
+import pandas as pd
 from matplotlib.ticker import MaxNLocator
 
 from ..measurement.quantities import Quantity, clean, describe_conditions, describe_quantity, shorten_names, vary
@@ -81,10 +82,6 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str | None = None, 
     values = np.abs(np.concatenate(list(map(standardise, drawn))))
     values = values[np.isfinite(values)]
     limit = float(max(4.0, math.ceil(np.quantile(values, 0.995)))) if values.size else 4.0
-    tick = int(limit - 1)
-    if limit >= 10:  # a round number near four fifths of the limit
-        step = 10 ** math.floor(math.log10(limit)) / 2
-        tick = int(math.floor(0.9 * limit / step) * step)
     handles, lower = [], None
     for i, trace in enumerate(chosen):
         row, column = divmod(i, columns)
@@ -119,7 +116,8 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str | None = None, 
                             x=0.0, ha="left", linespacing=1.6)
         upper.tick_params(labelbottom=False)
         upper.yaxis.set_major_locator(MaxNLocator(5, steps=STEPS))
-        lower.set(ylim=(-1.1 * limit, 1.1 * limit), yticks=[-tick, 0, tick])
+        lower.set_ylim(-1.1 * limit, 1.1 * limit)
+        lower.yaxis.set_major_locator(MaxNLocator(3, steps=STEPS))
         if column:
             lower.tick_params(labelleft=False)
         else:
@@ -339,11 +337,8 @@ def _smooth(trace: Trace) -> np.ndarray:
     """
     residual = standardise(trace)
     width = max(3, residual.size // 25) | 1 if find_stretch(trace) == find_span(trace) else 3
-    smooth, kernel = residual.copy(), np.ones(width)
+    smooth = residual.copy()
     for part in find_strokes(trace):
-        good = np.isfinite(residual[part])
-        if good.size > width:
-            count = np.convolve(good.astype(float), kernel, mode="same")
-            total = np.convolve(np.where(good, residual[part], 0.0), kernel, mode="same")
-            smooth[part] = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+        if residual[part].size > width:
+            smooth[part] = pd.Series(residual[part]).rolling(width, center=True, min_periods=1).mean()
     return smooth

@@ -5,14 +5,14 @@ from typing import Any
 
 import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
-from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullFormatter, NullLocator, PercentFormatter
+from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from ..families import find_family
 from ..measurement.quantities import clean, describe_quantity
 from ..planning.detectability import Visibility
 from ..planning.next_test import Design, describe_test
 from .palette import AFTER, BEFORE, FLOOR, GREY, INK, KIN, OTHER, SHADES
-from .style import NARROW, WIDTH, dress, head_figure, key_line, new_figure, strip, styled, wrap_text
+from .style import NARROW, WIDTH, dress, head_figure, key_line, new_axes, new_figure, strip, styled, wrap_text
 
 
 COLOURS = (AFTER, BEFORE, KIN, OTHER, GREY)
@@ -106,10 +106,10 @@ def draw_power(bins: Sequence[Mapping[str, Any]], level: float = 0.01, narrow: b
         bins: of `ddetumble.exam.scoring.measure_power`: `low`, `high`, and shares `seen` and `named`.
         level: of the test for a lack of fit, drawn in.
     """
-    figure = new_figure(3.6, NARROW if narrow else WIDTH)
     label = "strength: RMS residual of the refitted reference model over noise"
-    axes = dress(figure.add_subplot(), "both", xscale="log", ylim=(-0.03, 1.12), yticks=np.linspace(0.0, 1.0, 6),
-                 xlabel=wrap_text(label, 3.2) if narrow else label, ylabel="share of single effects")
+    figure, axes = new_axes(3.6, NARROW if narrow else WIDTH, "both", xscale="log", ylim=(-0.03, 1.12),
+                            yticks=np.linspace(0.0, 1.0, 6), xlabel=wrap_text(label, 3.2) if narrow else label,
+                            ylabel="share of single effects")
     axes.axhline(level, color=FLOOR, lw=1.0, ls=(0, (4, 3)))
     axes.axvline(2.0, color=FLOOR, lw=1.0, ls=(0, (1, 2)))
     for shift, (key, _, colour, marker) in zip((0.985, 1.015), CURVES, strict=True):
@@ -126,9 +126,8 @@ def draw_power(bins: Sequence[Mapping[str, Any]], level: float = 0.01, narrow: b
                           textcoords="offset points", ha="center", color=GREY, fontsize=8)
     edges = sorted({b["low"] for b in bins} | {b["high"] for b in bins})
     axes.set_xlim(edges[0] * 0.95, edges[-1] * 1.05)
-    axes.xaxis.set_major_locator(FixedLocator(edges))
-    axes.xaxis.set_minor_locator(NullLocator())
-    axes.set_xticklabels([f"{edge:g}" for edge in edges])
+    axes.set_xticks(edges, [f"{edge:g}" for edge in edges])
+    axes.minorticks_off()
     axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=" %"))
     head_figure(figure, [key_line(colour, 1.4, marker=marker, ms=5) for _, _, colour, marker in CURVES],
                 [label for _, label, _, _ in CURVES])
@@ -190,16 +189,16 @@ def draw_prospect(best: np.ndarray, low: np.ndarray, high: np.ndarray, tail: np.
         tail: mean over the worst share of the draws.
         share: that was wanted.
     """
-    figure = new_figure(3.0, NARROW if narrow else WIDTH)
-    axes = dress(figure.add_subplot(), xlabel="impacts", ylabel="angular momentum left [%]", yscale="log")
+    figure, axes = new_axes(3.0, NARROW if narrow else WIDTH, xlabel="impacts", ylabel="angular momentum left [%]",
+                            yscale="log")
     number = np.arange(len(best) + 1)
     best, low, high, tail = (100 * np.concatenate([[1.0], one]) for one in (best, low, high, tail))
     axes.fill_between(number, low, high, color=SHADES[0], alpha=0.3, lw=0, label="5 to 95 % of the draws")
     axes.plot(number, best, color=INK, lw=1.4, marker="o", ms=3, label="best estimate")
     axes.plot(number, tail, color=INK, lw=1.4, ls="--", label="mean of the worst draws")
     axes.axhline(100 * share, color=INK, lw=0.8, ls=":", label="wanted")
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, place: f"{value:g}"))
-    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter("")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     head_figure(figure, *axes.get_legend_handles_labels())
     return figure
@@ -214,9 +213,8 @@ def draw_outlook(shares: Mapping[str, np.ndarray], nominal: float, tail: float, 
         nominal: under the best estimate [-].
         tail: mean over the worst share of all draws [-].
     """
-    figure = new_figure(3.2, NARROW if narrow else WIDTH)
-    axes = dress(figure.add_subplot(), xlabel="angular momentum left after the first impact [%]",
-                 ylabel="draws of the model [%]")
+    figure, axes = new_axes(3.2, NARROW if narrow else WIDTH, ylabel="draws of the model [%]",
+                            xlabel="angular momentum left after the first impact [%]")
     whole = 100 * np.concatenate(list(shares.values()))
     room = max(0.02 * (whole.max() - whole.min()), 1e-3)
     count = min(BINS, max(5, max(map(len, shares.values())) // FEW))

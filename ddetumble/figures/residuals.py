@@ -122,7 +122,8 @@ def draw_record_errors(models: Mapping[str, Sequence[Trace]], narrow: bool = Fal
     def draw(axes, channel: str, k: int, first: bool, last: bool):
         top = max(2.0, *(float(np.max(one[0], initial=0.0, where=np.isfinite(one[0]))) for one in grids[channel]))
         values, along, up, label_x, label_y = grids[channel][k]
-        image = axes.imshow(values, aspect="auto", origin="lower", cmap="YlOrBr", vmin=0.8, vmax=top)
+        image = axes.pcolormesh(range(len(along)), range(len(up)), values, cmap="YlOrBr", vmin=0.8, vmax=top,
+                                shading="nearest", edgecolors="white", lw=2)
         room = panel / values.shape[1]
         for i, j in np.ndindex(*values.shape):
             if math.isfinite(values[i, j]) and room > 0.26:  # of three digits
@@ -136,10 +137,6 @@ def draw_record_errors(models: Mapping[str, Sequence[Trace]], narrow: bool = Fal
         if first:
             axes.set_ylabel(label_y)
         strip(axes)
-        axes.set_xticks(np.arange(len(along) + 1) - 0.5, minor=True)
-        axes.set_yticks(np.arange(len(up) + 1) - 0.5, minor=True)
-        axes.grid(which="minor", color="white", lw=2)
-        axes.tick_params(which="minor", length=0)
         return image
 
     height = 0.65 + 0.36 * max(len(grids[channels[0]][0][2]), 2)

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+from matplotlib.ticker import LogLocator
 
 from ..inference.findings import Fitted
 from ..measurement.quantities import clean, format_error, format_number, format_value, say_p, shorten, typeset
@@ -47,8 +47,8 @@ def draw_error_by_step(names: Sequence[str], steps: Sequence[Step | Comparison],
         left, right, beside = noise / 3, top * (3 * top / noise) ** room, top * (3 * top / noise) ** 0.05
         axes.set_xscale("log")
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axes.xaxis.set_minor_locator(NullLocator())
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.minorticks_off()
     else:
         left, right, beside = 0.0, (1 + room * 5 / 6) * top, 1.05 * top
     axes.set(xlim=(left, right), xlabel="RMS residual in per cent of the RMS of the signal")

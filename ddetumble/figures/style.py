@@ -17,7 +17,6 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator
 
 from .palette import AFTER, BEFORE, FAINT, FLOOR, GREY, INK, MORE
 
@@ -75,24 +74,25 @@ def new_figure(height: float, width: float = WIDTH, gap: float = 0.05) -> Any:
     return Figure(figsize=(width, height), layout=ConstrainedLayoutEngine(h_pad=gap, w_pad=0.05, rect=rect))
 
 
-def new_axes(height: float, width: float = WIDTH, grid: str = "y", columns: int = 1, **options) -> tuple[Any, ...]:
-    """A new figure of that size [inch] and its dressed axes, one or a row of them; options as of `subplots`."""
+def new_axes(height: float, width: float = WIDTH, grid: str = "y", columns: int = 1, **settings) -> tuple[Any, ...]:
+    """A new figure of that size [inch] and its axes, one or a row of them, dressed alike."""
     figure = new_figure(height, width)
-    axes = figure.subplots(1, columns, **options)
-    return (figure, dress(axes, grid)) if columns == 1 else (figure, *(dress(one, grid) for one in axes))
+    panels = figure.subplots(1, columns, squeeze=False)[0]
+    return figure, *(dress(axes, grid, **settings) for axes in panels)
 
 
-def point_at(axes, text: str, place: tuple[float, float], shift: tuple[float, float], **options):
-    """Write beside a place of the axes, shifted by so many points."""
+def point_at(axes, text: str, place: tuple[float, float], shift: tuple[float, float], dot: float = 0.0, **options):
+    """Write beside a place of the axes, shifted by so many points, and put a dot of that size there, if any."""
+    if dot:
+        axes.plot([place[0]], [place[1]], "o", color=options["color"], ms=dot)
     axes.annotate(text, place, shift, textcoords="offset points", **options)
 
 
 def dress(axes, grid: str = "y", **settings):
-    """Give axes the house's ticks and a faint grid along `grid` (`x`, `y`, `both` or nothing); returns the axes.
+    """Give axes a faint grid along `grid` (`x`, `y`, `both` or nothing); returns the axes.
 
     Further settings are those of `axes.set`.
     """
-    axes.xaxis.set_major_locator(_SpacedLocator())
     if grid:
         axes.grid(True, axis=grid)
     axes.set(**settings)
@@ -118,27 +118,6 @@ def strip(axes):
 def colour_models(count: int) -> list[str]:
     """Colours of one model, of the models before and after, or of several, the one before first."""
     return [AFTER] if count == 1 else [[BEFORE, AFTER, *MORE][k % (2 + len(MORE))] for k in range(count)]
-
-
-class _SpacedLocator(MaxNLocator):
-    """At most eight numbers along an axis, fewer where they would touch."""
-
-    MOST = 8
-
-    def __init__(self):
-        super().__init__(self.MOST, steps=STEPS)
-
-    def __call__(self):
-        axis: Any = self.axis
-        places, length = [], 72 * axis.axes.get_window_extent().width / axis.axes.figure.dpi  # pt
-        low, high = sorted(axis.get_view_interval())
-        for number in range(self.MOST, 0, -1):
-            self.set_params(nbins=number)
-            places = super().__call__()
-            words = axis.get_major_formatter().format_ticks([x for x in places if low <= x <= high])
-            if sum(_EM * TICKS * (len(word) + 3) for word in words) <= length:
-                break
-        return places
 
 
 def count_characters(width: float, size: float = 9.5) -> int:

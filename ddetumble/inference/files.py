@@ -1,5 +1,6 @@
 """Results as files: JSON written whole or not at all, with the versions and hashes that say where numbers come from."""
 
+import abc
 import contextlib
 import dataclasses as dc
 import hashlib
@@ -10,12 +11,13 @@ import platform
 from collections.abc import Callable, Iterator, Mapping
 from importlib import metadata
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import filelock
 import numpy as np
 import pydantic
 
+from .._display import AbstractPrinted
 from .._errors import InputError
 
 
@@ -124,6 +126,22 @@ def read_json(path: Path, schema: str, kind: type[Content], again: str) -> Conte
         reason = first["msg"].removeprefix("Value error, ")
         raise InputError(f"the file is damaged: {reason[:1].lower()}{reason[1:]}; {again}", file=path,
                          key=".".join(str(part) for part in first["loc"]) or None) from None
+
+
+class AbstractWritten(AbstractPrinted):
+    """A result that is printed, and written as one JSON file."""
+
+    file: ClassVar[str]  # its name
+
+    @abc.abstractmethod
+    def to_dict(self) -> dict[str, Any]:
+        """What the file holds, as plain data."""
+
+    def save(self, folder: str | Path) -> Path:
+        """Write the file into a folder (made if it is not there); returns its path."""
+        path = Path(folder) / self.file
+        write_json(path, self.to_dict())
+        return path
 
 
 def check_folder(folder: str | Path, what: str) -> Path:

@@ -130,8 +130,8 @@ def choose_columns(raw: RawFile, plan: Plan) -> dict[str, str]:
     for role, found in guesses.items():
         if len(found) > 1:
             option = options.get(role, f"--keep {role}=COLUMN")
-            raise InputError(f"several columns may be the {role}: {', '.join(found)}; choose one with "
-                             f"{option}", file=raw.file)
+            problem = f"several columns may be the {role}: {', '.join(found)}; choose one with {option}"
+            raise InputError(problem, file=raw.file)
         roles[role] = found[0]
     if not set(kind.independents) & set(roles):
         option = "--slip COLUMN, or --time COLUMN for a time series" if kind.path else "--time COLUMN"

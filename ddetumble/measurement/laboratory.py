@@ -11,18 +11,8 @@ import pandas as pd
 
 from .._errors import InputError, error_place
 from .._user_files import split_name
-from .alignment import (
-    RawTest,
-    align_tests,
-    crop_records,
-    cut_records,
-    reverse_signs,
-    start_clocks,
-    subtract_zeros,
-    take_means,
-    turn_axes,
-    turn_friction,
-)
+from . import alignment
+from .alignment import RawTest
 from .campaign import Campaign, Column
 from .checks import check_keys, check_record, check_values, read_known
 from .columns import FRICTION_TEST, Plan, choose_columns, expand_role, find_unit, make_plan, read_pairs
@@ -127,10 +117,10 @@ def import_tests(
     if not tests:
         raise InputError("the file holds nothing beside the conditions; name the files with the measurements",
                          file=table)
-    reverse_signs(tests, reverse, plan)
-    subtract_zeros(tests, zero, plan)
-    crop_records(tests, crop, plan)
-    tests = cut_records(tests, cut, plan)
+    alignment.reverse_signs(tests, reverse, plan)
+    alignment.subtract_zeros(tests, zero, plan)
+    alignment.crop_records(tests, crop, plan)
+    tests = alignment.cut_records(tests, cut, plan)
     files: dict[str, str] = {}
     for test in tests:
         if test.key in files:
@@ -156,12 +146,12 @@ def import_tests(
             plan.notes.append(f"{name} is taken from {plan.sources[name]}; its column over the tests was left out.")
     noise, common = {}, {}
     if kind.has_contact:
-        noise, common = align_tests(tests, plan, onset)
+        noise, common = alignment.align_tests(tests, plan, onset)
     if kind.path:
-        turn_friction(tests, plan.notes)
+        alignment.turn_friction(tests, plan.notes)
     if kind.rates:
-        turn_axes(tests, symmetry_axis, plan.notes)
-        start_clocks(tests, plan.notes)
+        alignment.turn_axes(tests, symmetry_axis, plan.notes)
+        alignment.start_clocks(tests, plan.notes)
     for test in tests:
         if "pressure" in test.values and plan.ambient is not None:
             test.values["pressure"] = test.values["pressure"] + plan.ambient
@@ -315,15 +305,14 @@ def _collect_constants(tests: list[RawTest], plan: Plan) -> dict[str, dict[str, 
             plan.add(condition, found, plan.si[name], f"the raw column {name}", places)
             plan.notes.append(f"{condition} was read from a column that does not change within a test.")
         elif name in kind.averaged:
-            means[condition] = take_means(tests, name, plan.headings)
+            means[condition] = alignment.take_means(tests, name, plan.headings)
         elif name in kind.conditions:
             if name in plan.choices:
                 problem = f"{name} is a condition and changes within record {varying.key!r}; choose another column"
                 raise InputError(problem, file=varying.file)
             for test in tests:
                 test.values.pop(name)
-            plan.notes.append(f"The column for {name} changes within a test, so it is not a condition and was left "
-                              f"out.")
+            plan.notes.append(f"The column for {name} changes within a test, so it is no condition and was left out.")
     return means
 
 

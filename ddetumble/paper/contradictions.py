@@ -54,7 +54,7 @@ class Contradiction:
     """One point at which the paper contradicts itself.
 
     Attributes:
-        number: row of the toolkit's list.
+        row: of the toolkit's list.
         title: what it concerns.
         printed: what the paper says.
         found: what its own equations or numbers give.
@@ -63,7 +63,7 @@ class Contradiction:
         values: every number by name, SI unless the name says otherwise.
     """
 
-    number: int
+    row: int
     title: str
     printed: str
     found: str
@@ -72,9 +72,9 @@ class Contradiction:
     values: Mapping[str, float]
 
 
-def _make_point(number: int, values: Mapping[str, float], **facts) -> Contradiction:
-    title, printed, found, used, sentence = tell(f"paper.point_{number}", v=values, **facts)
-    return Contradiction(number, title, printed, found, used, sentence, values)
+def _make_point(row: int, values: Mapping[str, float], **facts) -> Contradiction:
+    title, printed, found, used, sentence = tell(f"paper.point_{row}", v=values, **facts)
+    return Contradiction(row, title, printed, found, used, sentence, values)
 
 
 def elastic_force(ball: Ball, depression: np.ndarray, pressure: float) -> np.ndarray:
@@ -289,8 +289,7 @@ def err_scaled(loads: np.ndarray, pressures: np.ndarray, peaks: np.ndarray, adhe
 @styled
 def draw_readings():
     """Elastic force against depression at 1 MPa under the four readings of Eqs. 2 to 7."""
-    figure = new_figure(3.6)
-    left, right = figure.subplots(1, 2)
+    figure, left, right = new_axes(3.6, grid="both", columns=2)
     depth = np.linspace(0.0, 8e-3, 33)
     for name, (_, label, colour, line) in READINGS.items():
         force, value = _read_force(name, depth), float(_read_force(name, np.array([5e-3]))[0])
@@ -298,9 +297,8 @@ def draw_readings():
             axes.plot(1e3 * depth, force, line, color=colour, lw=1.8, label=f"{label}: {value:.1f} N")
             axes.plot([5], [value], "o", color=colour, ms=5)
     for axes in (left, right):
-        dress(axes, "both").set_xlabel("depression [mm]")
         axes.axvline(5, color=FLOOR, lw=0.8, ls=":")
-        axes.set_xlim(0, 8)
+        axes.set(xlabel="depression [mm]", xlim=(0, 8))
     left.set(ylim=(0, None), ylabel="elastic force at 1 MPa [N]")
     right.set(ylim=(0, 15), title="the same, enlarged")
     left.legend(loc="upper left", title="at 5 mm", alignment="left", fontsize=8.5)
@@ -316,8 +314,7 @@ def draw_core():
     axes.plot(1e3 * depth, deviation, color=BEFORE, lw=1.8)
     axes.axhline(0, color=FLOOR, lw=0.8)
     at = float(np.interp(5e-3, depth, deviation))
-    axes.plot([5], [at], "o", color=BEFORE)
-    point_at(axes, f"−{abs(at):.1f} %", (5, at), (8, 4), color=BEFORE)
+    point_at(axes, f"−{abs(at):.1f} %", (5, at), (8, 4), 6, color=BEFORE)
     axes.set(xlabel="depression [mm]", ylabel="force with the core twice,\ndeviation [%]")
     return figure
 
@@ -332,8 +329,7 @@ def draw_pressure():
             ("perimeter", "constant perimeter, b = πδ/4 (the paper's assumption)", AFTER, "-")):
         axes.plot(share, pressure_ratio(share, law), line, color=colour, lw=1.8, label=label)
         at = float(pressure_ratio(np.array([0.1]), law)[0])
-        axes.plot([0.1], [at], "o", color=colour)
-        point_at(axes, f"{at:.2f}", (0.1, at), (0, 7), color=colour, ha="center")
+        point_at(axes, f"{at:.2f}", (0.1, at), (0, 7), 6, color=colour, ha="center")
     axes.axhline(1, color=FLOOR, lw=0.8)
     axes.set(xlabel="depression / diameter", ylabel="P′ / P0", ylim=(0.85, 1.55))
     axes.legend(loc="upper left")
@@ -349,8 +345,7 @@ def draw_restitution():
     axes.plot(asked, [printed_restitution(e) for e in asked], color=BEFORE, lw=1.8, label="Eq. 6")
     for e in (0.5, 0.8):
         given = printed_restitution(e)
-        axes.plot([e], [given], "o", color=BEFORE)
-        point_at(axes, f"{e} → {given:.3f}", (e, given), (-6, 7), ha="right", color=BEFORE)
+        point_at(axes, f"{e} → {given:.3f}", (e, given), (-6, 7), 6, ha="right", color=BEFORE)
     axes.set(xlabel="restitution wanted", ylabel="restitution obtained", xlim=(0, 1), ylim=(0, 1.02))
     axes.legend(loc="lower right")
     return figure
@@ -424,8 +419,7 @@ def draw_inflation():
     axes.axhline(2.5, color=FLOOR, lw=0.8, ls=":")
     point_at(axes, "largest pressure of the tests", (1.0, 2.5), (4, -11))
     axes.plot(stretch, pressure, color=AFTER, lw=1.8, label="sphere of 40/60 mm, E = 7.8 MPa")
-    axes.plot([at], [limit / 1e6], "o", color=AFTER)
-    point_at(axes, f"{limit / 1e6:.2f} MPa", (at, limit / 1e6), (0, -14), color=AFTER, ha="center")
+    point_at(axes, f"{limit / 1e6:.2f} MPa", (at, limit / 1e6), (0, -14), 6, color=AFTER, ha="center")
     axes.set(xlabel="inner radius over that at rest", ylabel="pressure [MPa]", xlim=(1, 3), ylim=(0, 2.7))
     axes.legend(loc="lower right")
     return figure

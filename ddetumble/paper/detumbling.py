@@ -28,7 +28,7 @@ from ..dynamics.rigid import Tumble, measure_momentum, trace_point
 from ..dynamics.surfaces import make_debris
 from ..dynamics.tumbling import simulate_tumbling
 from ..figures.palette import AFTER, BEFORE, FLOOR, GREY, INK, KIN
-from ..figures.style import dress, new_axes, new_figure, styled
+from ..figures.style import new_axes, new_figure, styled
 from .section import write_section
 from .tumbling import DURATION, STEP, UNTURNED, Momentum, measure_angle, read_momentum
 
@@ -181,17 +181,15 @@ def draw_passages(passages: Mapping[str, Tumble], values: Callable[[Tumble], Map
         label, limits: of their axis [° or °/s]; place: of the legend.
         colours: of the values.
     """
-    figure = new_figure(height)
-    for column, (name, passage) in enumerate(passages.items()):
-        axes = dress(figure.add_subplot(1, 2, column + 1))
+    figure, *panels = new_axes(height, columns=len(passages), xlabel="time since the impact [s]")
+    for axes, (name, passage) in zip(panels, passages.items(), strict=True):
         axes.axvline(0.0, color=INK, lw=0.8, ls=":")
         for (what, value), colour in zip(values(passage).items(), colours, strict=True):
             axes.plot(passage.time, np.degrees(value), color=colour, lw=1.8, label=what)
-        axes.set(title=name, xlim=(float(passage.time[0]), float(passage.time[-1])), xlabel="time since the impact [s]",
-                 ylim=limits)
-    figure.axes[0].set_ylabel(label)
+        axes.set(title=name, xlim=(float(passage.time[0]), float(passage.time[-1])), ylim=limits)
+    panels[0].set_ylabel(label)
     if len(colours) > 1:
-        figure.axes[0].legend(loc=place, ncols=len(colours))
+        panels[0].legend(loc=place, ncols=len(colours))
     return figure
 
 
@@ -228,18 +226,17 @@ def draw_stages(passage: Tumble, duration: float = 40.0, count: int = 5):
 @styled
 def draw_displacement(passage: Tumble, velocity: np.ndarray):
     """Figure 24: X and Y of the end-face centre A, without and with the motion that the impulse gives the stage."""
-    figure = new_figure(3.4)
+    figure, *panels = new_axes(3.4, grid="both", columns=2, xlabel="X of A [m]")
     path = np.asarray(trace_point(jnp.asarray(passage.attitude), Cylinder().end_face()))
     drift = np.maximum(passage.time, 0.0)[:, None] * velocity
-    for column, (name, places) in enumerate((("centre held, as the paper assumes", path),
-                                             ("centre free", path + drift))):
-        axes = dress(figure.add_subplot(1, 2, column + 1), "both")
+    for axes, name, places in zip(panels, ("centre held, as the paper assumes", "centre free"), (path, path + drift),
+                                  strict=True):
         for part, colour, label in ((passage.time < 0, BEFORE, "before"), (passage.time >= 0, AFTER, "after")):
             axes.plot(*places[part, :2].T, color=colour, lw=1.6, label=label)
-        axes.set(title=name, xlabel="X of A [m]")
+        axes.set_title(name)
         axes.set_aspect("equal", adjustable="datalim")
-    figure.axes[0].set_ylabel("Y of A [m]")
-    figure.axes[0].legend(loc="upper left", ncols=2)
+    panels[0].set_ylabel("Y of A [m]")
+    panels[0].legend(loc="upper left", ncols=2)
     return figure
 
 

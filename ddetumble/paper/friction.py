@@ -40,10 +40,9 @@ def judge_friction() -> Judged:
 
 def release_tangent(judged: Judged) -> tuple[float, float]:
     """tan(delta) of Eq. 8 with both its weights free to be negative, and its standard error [-]."""
-    columns = np.column_stack([judged.x, judged.x * hysteresis_share(read_pressures(judged))]) / judged.values[:, None]
-    weights, squares, *_ = np.linalg.lstsq(columns, np.ones(len(columns)), rcond=None)
-    variance = float(squares[0]) / (len(columns) - 2) * np.linalg.inv(columns.T @ columns)
-    return float(weights[1]), float(np.sqrt(variance[1, 1]))
+    ratio = judged.values / judged.x
+    slope, covariance = np.polyfit(hysteresis_share(read_pressures(judged)), ratio, 1, w=1.0 / ratio, cov=True)
+    return float(slope[0]), float(np.sqrt(covariance[0, 0]))
 
 
 def find_ratio(judged: Judged) -> tuple[float, float]:
@@ -91,8 +90,7 @@ def draw_rest(loads: np.ndarray):
     axes.plot(load, slip_term(np.zeros_like(load), load, True), color=BEFORE, lw=1.8, label="e(Fₙ) as printed")
     axes.axhline(0, color=AFTER, lw=1.8, label="e = 1")
     for at, shift in ((find_rest(), -4), (CHANGES_SIGN_AT, 4)):
-        axes.plot([at], [0], "o", color=BEFORE, ms=5)
-        point_at(axes, f"{at:.1f} N", (at, 0), (shift, 6), ha="right" if shift < 0 else "left", color=BEFORE)
+        point_at(axes, f"{at:.1f} N", (at, 0), (shift, 6), 5, ha="right" if shift < 0 else "left", color=BEFORE)
     still = float(slip_term(0.0, 0.0, True))
     point_at(axes, f"{still:.2f}".replace("-", "−"), (0, still), (6, -2), color=BEFORE)
     axes.set(xlim=(0, 75), ylim=(-1.4, 0.45), xlabel="normal load [N]", ylabel="friction over load\nwithout slip")
@@ -127,8 +125,7 @@ def draw_range(loads: np.ndarray):
         axes.plot(load[good], value[good], color=AFTER, lw=1.8)
         axes.plot(load[~good], value[~good], color=BEFORE, lw=1.8, ls="--")
         axes.axhline(0, color=FLOOR, lw=0.8)
-        axes.plot([at], [0], "o", color=BEFORE, ms=5)
-        point_at(axes, f"{at:.2f} N" if at < 40 else f"{at:.1f} N", (at, 0), (0, 8) if at < 40 else (5, 5),
+        point_at(axes, f"{at:.2f} N" if at < 40 else f"{at:.1f} N", (at, 0), (0, 8) if at < 40 else (5, 5), 5,
                  ha="right" if at < 40 else "left", color=BEFORE)
         dress(axes).set(title=text, xlim=(0, 75), xlabel="normal load [N]")
     lower[0].set_ylim(-0.6, 4.6)
@@ -185,12 +182,10 @@ def draw_comparison(judged: Judged, printed: np.ndarray):
 @styled
 def draw_band(judged: Judged, inside: np.ndarray):
     """Figure 12 from the printed numbers: friction over pressure, where it bends, and errors in the band."""
-    figure = new_figure(3.6)
-    left, middle, right = figure.subplots(1, 3, width_ratios=(1.1, 1, 1.1))
+    figure, left, middle, right = new_axes(3.6, columns=3, xlabel="pressure [MPa], assumed", xlim=(-0.12, 2.62))
     x, y = read_pressures(judged) / 1e6, judged.values
     for axes in (left, middle, right):
         axes.axvspan(BAND[0] / 1e6, BAND[1] / 1e6, color=PLACE, lw=0)
-        dress(axes).set(xlabel="pressure [MPa], assumed", xlim=(-0.12, 2.62))
     left.plot(x, y, "-o", color=INK, ms=5, lw=1.2)
     left.set_ylabel("friction force, measured [N]")
     point_at(left, "band to avoid,\nsays the paper", (BAND[0] / 1e6, y.max()), (-5, -8), ha="right", color=GREY,

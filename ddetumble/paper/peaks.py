@@ -16,7 +16,7 @@ from ..dynamics.impact import follow
 from ..effects.impact import GasLeak, SensorGain
 from ..families.impact import WINDOW, read_values
 from ..figures.palette import AFTER, BEFORE, FLOOR, GREY, INK, KIN, OTHER
-from ..figures.style import dress, new_figure, point_at, styled
+from ..figures.style import dress, new_axes, new_figure, point_at, styled
 from ..inference.estimation import fit
 from ..inference.findings import Fit
 from ..inference.parameters import ParameterSpace
@@ -190,8 +190,8 @@ def draw_growth(judged: Judged, growth: tuple[float, float]):
 @styled
 def draw_corrections(judged: Judged, ratios: Mapping[str, np.ndarray], rows: Sequence[Row], factor: float):
     """What single changes, with their rows and fitted ratios by label, and one factor do to the printed theory."""
-    figure = new_figure(3.4)
-    axes, x = dress(figure.subplots()), judged.x / 1e6
+    figure, axes = new_axes(3.4)
+    x = judged.x / 1e6
     axes.plot(x, judged.values / judged.printed, "o", color=INK, ms=6, label="measured / printed theory", zorder=4)
     axes.axhline(factor, color=GREY, lw=1.2, ls=":", label=f"one factor, {factor:.3f}")
     for row, colour, line in zip(rows, (OTHER, BEFORE, AFTER, KIN, INK), ("-", "-", "--", "-.", ":"), strict=True):

@@ -11,7 +11,7 @@ import pandas as pd
 from .._settings import find_data
 from ..families.values import choose_degree, fit_linear, polynomial
 from ..figures.palette import AFTER, BEFORE, GREY, INK, KIN, OTHER
-from ..figures.style import WIDTH, dress, new_figure, point_at, styled
+from ..figures.style import new_axes, point_at, styled
 from ..inference.archive import Model
 from ..inference.files import make_plain
 from ..measurement.campaign import Campaign
@@ -221,8 +221,7 @@ def draw_ladder(judged: Judged, most: int = 26):
              for one in judged.found.candidates if f"model {judged.found.model} + {one.effect}" not in added]
     bars = sorted((bar for bar in bars if bar[1] < FAILED), key=lambda bar: bar[1])[:most][::-1]
     line = 100 * judged.polynomial.heldout
-    figure = new_figure(0.9 + 0.24 * len(bars), WIDTH)
-    axes = dress(figure.subplots(), "x")
+    figure, axes = new_axes(0.9 + 0.24 * len(bars), grid="x")
     for i, (_, error, kind, note) in enumerate(bars):
         colour, lacks = COLOURS[kind], "not physical" in note
         axes.barh(i, 100 * min(error, 1.0), height=0.7, edgecolor=colour, color="white" if lacks else colour,
@@ -242,8 +241,7 @@ def draw_ladder(judged: Judged, most: int = 26):
 @styled
 def draw_differences(pairs: Sequence[Difference], title: str):
     """Paired differences of left-out errors with two standard errors: what crosses zero cannot be told apart."""
-    figure = new_figure(0.8 + 0.26 * len(pairs))
-    axes = dress(figure.subplots(), "x")
+    figure, axes = new_axes(0.8 + 0.26 * len(pairs), grid="x")
     for i, pair in enumerate(pairs[::-1]):
         axes.errorbar(100 * pair.mean, i, xerr=200 * pair.error, fmt="o", capsize=3,
                       color=BEFORE if pair.told else GREY)

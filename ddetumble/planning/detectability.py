@@ -9,7 +9,7 @@ import dataclasses as dc
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from .._display import AbstractPrinted, Progress
+from .._display import Progress
 from .._errors import ComputationError, InputError, error_place
 from .._numerics import map_threads
 from ..contact.effect import AbstractEffect, is_scored, parameters_of, read_field
@@ -26,21 +26,20 @@ from ..dynamics.spinning import ATTITUDES, RATES
 from ..families import Family, list_families, name_family, open_campaign
 from ..inference.archive import Model, resolve_model
 from ..inference.assembly import adapt_reference, default_starts, guess_start
-from ..inference.files import list_versions, make_plain, write_json
+from ..inference.files import AbstractWritten, list_versions, make_plain
 from ..inference.models import ResolvedModel
 from ..measurement.campaign import Campaign, Column, Uncertainty
 from ..measurement.checks import check_values, read_known
 from ..measurement.columns import expand_role, read_pairs
 from ..measurement.kinds import list_kinds
 from ..measurement.layout import split_heading
-from ..measurement.tables import Table, convert_column, read_table
+from ..measurement.tables import convert_column, read_table
 from ..measurement.units import check_unit, parse_quantity, parse_uncertainty, si_unit
 from ..selection.detectability import Signature, detectable_length, find_size, reach_limit
 from ..selection.problem import SelectionProblem, pose_selection
 from .setting_ranges import read_channels, read_noise
 
 
-FILE = "map.json"
 # |cos| from which no size tells two effects apart: above it the 0.1 % that differs is lost in linearisation.
 SAME = 0.9995
 BEFORE = 2e-3  # s, that an impact record begins before first touch, so that the time origin is seen
@@ -68,9 +67,10 @@ class Visible:
 
 
 @dc.dataclass(frozen=True)
-class Visibility(AbstractPrinted):
+class Visibility(AbstractWritten):
     """The map; `to_dict()` is `map.json`."""
 
+    file: ClassVar[str] = "map.json"
     campaign: str  # name, as the next two
     family: str
     model: str
@@ -100,12 +100,6 @@ class Visibility(AbstractPrinted):
     def to_dict(self) -> dict[str, Any]:
         """As JSON can hold it."""
         return make_plain(self) | {"versions": list_versions()}
-
-    def save(self, folder: Path | str) -> Path:
-        """Write `map.json` into a folder (made if it is not there); returns its path."""
-        path = Path(folder) / FILE
-        write_json(path, self.to_dict())
-        return path
 
 
 def map_effects(plan: Campaign | str | Path, model: Model = "paper", *, effects: Sequence[type[AbstractEffect]] = (),
@@ -289,7 +283,7 @@ def read_plan(path: Path | str, model: Model = "paper", *, channels: Sequence[st
             raise InputError(f"the heading has no unit; write it like '{name} [{si_unit(name)}]'", file=table.file,
                              column=heading)
         found = check_unit(unit or "1", name).convert(numbers)
-        check_values(name, found, Table(table.file, {name: table.columns[heading]}, table.lines), "records", None)
+        check_values(name, found, table, "records", None)
         if name == "repeats":
             repeats = found.astype(int)
         else:

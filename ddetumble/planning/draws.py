@@ -126,7 +126,7 @@ def find_models(folder: Path) -> tuple[list[tuple[str, FittedModel, float]], str
         total = sum(weight for *_, weight in rivals)
         return ([(name, load(place), weight / total) for name, place, weight in rivals],
                 "The models count by the weights that average gave them.")
-    models = [load(place) for place in list_rivals(folder)]
+    models = [*map(load, list_rivals(folder))]
     note = "" if len(models) == 1 else "The models have no weights (average computes them), so each counts the same."
     return [(name_rival(one.effects), one, 1.0 / len(models)) for one in models], note
 

@@ -29,27 +29,17 @@ NAMES = {
 }  # fmt: skip
 
 
-
 @dc.dataclass(frozen=True)
 class Spread:
     """The momentum left under draws of one error, or of all."""
 
     error: str  # its name; `all` of all together
     size: float  # its standard deviation, SI or as a fraction; nan of all
-    shares: np.ndarray  # of the angular momentum left, 1 where the ball misses, shape (draws,) [-]
+    mean: float  # share of the angular momentum left, 1 where the ball misses [-]
+    q95: float  # that 95 % of the draws stay below
     missed: float  # share of the draws in which the ball meets no surface, or an edge of it
     violated: float  # share of the draws in which force, depression or another limit of the contact is passed
     drift: tuple[float, float]  # speed that the blow gives the body, mean and standard deviation [m/s]
-
-    @property
-    def mean(self) -> float:
-        """Mean share left."""
-        return float(np.mean(self.shares))
-
-    @property
-    def high(self) -> float:
-        """Share left that 95 % of the draws stay below."""
-        return float(np.quantile(self.shares, 0.95))
 
 
 def try_errors(problem: StrikeProblem, plan: StrikePlan, errors: ErrorTable, seed: int = 0) -> tuple[Spread, ...]:
@@ -67,8 +57,8 @@ def try_errors(problem: StrikeProblem, plan: StrikePlan, errors: ErrorTable, see
     # One by one, as the program of one impact is there already and that of many would have to be compiled.
     rows = [_strike_wrongly(*one) for one in split_batch(met)]
     columns = (np.reshape(one, (len(groups), -1)) for one in zip(*rows, strict=True))
-    return tuple(Spread(name, sizes.get(name, np.nan), share, float(missed.mean()), float(violated.mean()),
-                        (float(drifted.mean()), float(drifted.std())))
+    return tuple(Spread(name, sizes.get(name, np.nan), float(share.mean()), float(np.quantile(share, 0.95)),
+                        float(missed.mean()), float(violated.mean()), (float(drifted.mean()), float(drifted.std())))
                  for name, share, missed, violated, drifted in zip((*sizes, "all"), *columns, strict=True))
 
 

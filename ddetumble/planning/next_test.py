@@ -1,25 +1,25 @@
 """The next test: conditions, or a channel to add, that best tell apart what a campaign could not."""
 
 import dataclasses as dc
-import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import minimize
 from scipy.stats import qmc
 
-from .._display import AbstractPrinted, Progress
+from .._display import Progress
 from .._errors import ComputationError, InputError
+from .._sentences import say, tell
 from ..families import find_family, list_families
 from ..inference.archive import AbstractFitted, FittedModel, load, take_fitted
-from ..inference.files import list_versions, make_plain, write_json
+from ..inference.files import AbstractWritten, list_versions, make_plain
 from ..measurement.quantities import describe_quantity, format_plain, join_words
-from ..posterior.stacking import list_rivals
+from ..posterior.stacking import read_discovery
 from ..selection.discovery import Discovery
-from ..selection.result import RESULT
+from ..selection.result import RESULT, list_fields
 from ..selection.settings import DEFAULT
 from .distinguishability import (
     Distances,
@@ -36,7 +36,6 @@ from .distinguishability import (
 from .setting_ranges import Extra, Limit, Range, list_extras, set_limits
 
 
-FILE = "design.json"
 MOST = 30  # repeats beyond which a test is no proposal: nobody makes more
 STEPS = 15  # of the refit that checks a separation: more end a difficult refit, at the price of time
 EDGE = 5e-3  # fraction of its range within which a condition stands at a limit: what an optimiser leaves of it
@@ -95,9 +94,10 @@ class Proposal:
 
 
 @dc.dataclass(frozen=True)
-class Design(AbstractPrinted):
+class Design(AbstractWritten):
     """What to measure next; `to_dict()` is `design.json`."""
 
+    file: ClassVar[str] = "design.json"
     campaign: str  # of the discovery or fit, as the next two
     family: str
     verdict: str
@@ -114,16 +114,8 @@ class Design(AbstractPrinted):
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the curves, as JSON can hold it."""
-        skip = ("time", "channels", "curves")
-        proposals = [{f.name: getattr(p, f.name) for f in dc.fields(p) if f.name not in skip} for p in self.proposals]
-        plain = {f.name: getattr(self, f.name) for f in dc.fields(self)}
-        return make_plain({**plain, "proposals": proposals, "versions": list_versions()})
-
-    def save(self, folder: Path | str) -> Path:
-        """Write `design.json` into a folder (made if it is not there); returns its path."""
-        path = Path(folder) / FILE
-        write_json(path, self.to_dict())
-        return path
+        proposals = [list_fields(one, "time", "channels", "curves") for one in self.proposals]
+        return make_plain({**list_fields(self), "proposals": proposals, "versions": list_versions()})
 
 
 def design(models: str | Path | Fitted | Sequence[Fitted], *, limits: Mapping[str, Range] | Sequence[str] | None = None,
@@ -171,7 +163,7 @@ def design(models: str | Path | Fitted | Sequence[Fitted], *, limits: Mapping[st
     # The campaign's own channels first among those that tell as many pairs apart by as few repeats.
     ranked = sorted(proposals, key=lambda one: (-one.split, one.repeats or 0, one.extra is not None))
     found = Design(rivals[0].campaign, rivals[0].family, verdict, names, chosen, tuple(ranked), DEFAULT.decisive, "")
-    return dc.replace(found, sentence=_explain(found), notes=_list_notes(found, rivals[0]))
+    return _explain(found, rivals[0])
 
 
 def list_confused(models: str | Path | Fitted | Sequence[Fitted]) -> tuple[list[FittedModel], str]:
@@ -181,32 +173,14 @@ def list_confused(models: str | Path | Fitted | Sequence[Fitted]) -> tuple[list[
         InputError: there is no fitted model, the rivals were not written, or they are of several campaigns.
     """
     if isinstance(models, (str, Path)):
-        return _read_confused(Path(models))
+        folder = Path(models)
+        return read_discovery(folder) if (folder / RESULT).is_file() else ([load(folder)], "fit")
     if isinstance(models, Discovery):
         return [models.fitted_model(), *(one.fitted_model() for one in models.rivals)], models.verdict
     found = [take_fitted(one) for one in ([models] if isinstance(models, (FittedModel, AbstractFitted)) else models)]
     if len({(one.sha256, type(one.space.reference)) for one in found}) != 1:
         raise InputError("the models must be fits to one campaign that extend one reference model")
     return found, "fit" if len(found) == 1 else "undecided"
-
-
-def _read_confused(folder: Path) -> tuple[list[FittedModel], str]:
-    best, result = load(folder), folder / RESULT
-    if not result.is_file():
-        return [best], "fit"
-    try:
-        content = json.loads(result.read_text(encoding="utf-8"))
-        verdict, expected = str(content["verdict"]), [str(e) for e in content["steps"][-1]["alternatives"]]
-    except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError, RecursionError):
-        raise InputError("this is not a result of discover, or is damaged; run discover again", file=result) from None
-    rivals = [load(place) for place in list_rivals(folder)[1:]]
-    if len(rivals) < len(expected):
-        raise InputError(f"the rivals ({', '.join(expected)}) are not in this folder; run discover again", file=folder)
-    for one in rivals:
-        if one.sha256 != best.sha256 or type(one.space.reference) is not type(best.space.reference):
-            raise InputError("the rivals were fitted to a different campaign from the model; run discover again",
-                             file=one.folder)
-    return [best, *rivals], verdict
 
 
 def search_conditions(preview: Preview, mask: np.ndarray) -> tuple[np.ndarray, float]:
@@ -319,66 +293,20 @@ def _narrow(saved: FittedModel, found: Distances) -> tuple[Narrowing, ...]:
     return tuple(sorted(narrowed, key=lambda n: n.after / max(n.before, 1e-300)))
 
 
-def _explain(found: Design) -> str:
-    best, rivals = found.proposals[0], join_words(found.rivals)
-    test = describe_test(best, found.limits)
-    if len(found.rivals) == 1:
-        said = "Nothing is confounded here, so there is nothing to separate."
-        if found.verdict in ("improved", "unexplained"):
-            said += " But lack of fit remains: first find what is missing; what follows holds for the present model."
-        if not best.narrowings:
-            return f"{said} The model has no free parameter whose uncertainty a test could reduce."
-        return (f"{said} The test that reduces the uncertainty of the parameters most is {test}: "
-                f"{join_words([str(n) for n in best.narrowings[:3]])}.")
-    if not best.split:
-        more = ", or name another channel" if find_family(found.family).plan.added else ""
-        return (f"No test within these limits distinguishes {rivals}: in the best one they differ by "
-                f"{best.pairs[0].distance:.2g} standard deviations once either is refitted, and {MOST} repeats "
-                f"are not enough. Widen the limits{more}.")
-    tests = "one such test is" if best.repeats == 1 else f"{best.repeats} such tests are"
-    sentence = (f"To distinguish {rivals}, measure {test}: {tests} expected to separate the models by Δχ² > "
-                f"{DEFAULT.decisive:g}, where discover rejects the worse one.")
-    together = [f"{pair.first} from {pair.second}" for pair in best.pairs if pair.repeats is None]
-    return f"{sentence} It does not distinguish {join_words(together)}." if together else sentence
-
-
-def _list_notes(found: Design, saved: FittedModel) -> tuple[str, ...]:
-    """What was assumed, what else there is."""
+def _explain(found: Design, saved: FittedModel) -> Design:
+    """With its sentence, and notes on what was assumed and what else there is."""
     best, *others = found.proposals
-    notes = []
-    for pair in best.pairs if best.split else ():
-        after = f"they are distinguished after {_count_tests(pair.repeats)}" if pair.repeats else (
-            f"{MOST} repeats do not distinguish them")
-        notes.append(f"{pair.first} and {pair.second} differ by {pair.distance:.3g} standard deviations in one such "
-                     f"test; {after}.")
-    for other in others:
-        where = describe_test(other, found.limits)
-        if len(found.rivals) == 1:
-            notes.append(f"Alternatively, measure {where}: {join_words([str(n) for n in other.narrowings[:2]])}.")
-        elif not other.split:
-            notes.append(f"A test {where} is not enough ({other.pairs[0].distance:.2g} standard deviations).")
-        else:
-            told = "all pairs" if other.split == len(other.pairs) else f"{other.split} of {len(other.pairs)} pairs"
-            notes.append(f"Alternatively, measure {where}: {told} are distinguished after "
-                         f"{_count_tests(other.repeats)}.")
-    for free, word in ((True, "The search was within these limits"), (False, "These conditions were held")):
-        those = ", ".join(_describe_limit(limit) for limit in found.limits if limit.free == free)
-        notes += [f"{word}: {those}."] if those else []
-    if best.at_limit:
-        notes.append(f"It is at the limit of {join_words(best.at_limit)}: wider limits may give a better test.")
-    outside = saved.outside(best.conditions, slack=0.02)  # as in predictions
-    if outside:
-        notes.append("The proposal extrapolates: " + "; ".join(outside) + ".")
-    assumed = [f"{p.extra.name} {p.extra.sd:g} {p.extra.unit}".removesuffix(" 1") for p in found.proposals
-               if p.extra is not None and p.extra.assumed]
-    if assumed:
-        notes.append(f"The noise of channels that could be added is assumed: {', '.join(assumed)}; state yours by "
-                     f"--channel.")
-    return tuple(notes)
-
-
-def _count_tests(repeats: int | None) -> str:
-    return f"{repeats} test{'s' * (repeats != 1)}"
+    sentence = say("plan.next_test", rivals=found.rivals, verdict=found.verdict, best=best,
+                   test=describe_test(best, found.limits), more=find_family(found.family).plan.added, most=MOST,
+                   decisive=DEFAULT.decisive)
+    notes = tell(
+        "plan.next_test_notes", best=best, others=[(one, describe_test(one, found.limits)) for one in others],
+        alone=len(found.rivals) == 1, most=MOST, ranges=[_describe_limit(one) for one in found.limits if one.free],
+        held=[_describe_limit(one) for one in found.limits if not one.free], at_limit=best.at_limit,
+        outside=saved.outside(best.conditions, slack=0.02),  # as in predictions
+        assumed=[f"{one.extra.name} {one.extra.sd:g} {one.extra.unit}".removesuffix(" 1") for one in found.proposals
+                 if one.extra is not None and one.extra.assumed])
+    return dc.replace(found, sentence=str(sentence), notes=tuple(notes))
 
 
 def describe_test(proposal: Proposal, limits: Sequence[Limit]) -> str:

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from .._display import AbstractPrinted, Progress
 from .._errors import InputError
+from .._sentences import say
 from ..contact.gripping import StrikeLaw
 from ..inference.archive import AbstractFitted, FittedModel, take_fitted
 from ..measurement.units import format_time
@@ -19,13 +20,11 @@ from .problem import StrikeProblem
 from .robust import plan_robust_strike
 from .rules import Blow, compare_rules
 from .scenario import ErrorTable, Scenario, find_scenario, pose_laws, pose_problem, read_scenario
-from .sequence import Joint, Sequence, plan_together
+from .sequence import Sequence, plan_together
 from .single import LEAST_GAIN, STARTS, StrikePlan
 from .uncertainty import Assessment, Prospect, assess_plan, assess_sequence
 
 
-NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
-WORTH = f"{100 * LEAST_GAIN:.0f} %"
 # Share of the momentum that no normal force can take, from which it is told: below it nobody would miss it.
 AXIAL = 1e-3
 LEAST_PRICE = 5e-4  # of the momentum, below which two plans leave the same: what the search itself leaves open
@@ -110,42 +109,13 @@ class Plan(AbstractPrinted):
     @property
     def sentence(self) -> str:
         """What was found, in a few sentences."""
-        found, count = self.sequence, len(self.impacts)
-        said = []
-        if not count:
-            missed = found.refused is not None and found.refused.missed
-            said.append(f"{'No impact was found' if missed else 'This cannot be done'}: {_say_why(found)}.")
-            parts = [f"{one.key} = {_round_loosely(one.needed, one.needed > one.given):g} {one.unit} in place of "
-                     f"{one.given:g} {one.unit}" for one in found.relaxations]
-            if parts:
-                said.append(f"An impact that improves the goal by {WORTH} would be allowed with {', or '.join(parts)}, "
-                            "the other limits being unchanged.")
-        else:
-            left = 100 * found.shares[-1]
-            shown = f"{left:.2f} %" if left >= 0.005 else "less than 0.01 %"
-            missed = "" if found.reached else f", not the wanted {100 * self.settings.share:g} %"
-            last = format_time(found.instants[-1], find_end(found))
-            leave, comes, all_ = ("One impact leaves", "It takes place", "") if count == 1 else (
-                f"{count} impacts leave", "The last of them takes place", " in total")
-            said += [f"{leave} {shown} of the angular momentum{missed}.",
-                     f"{comes} at {last}, and the contact force has an impulse of {found.impulse:.1f} N s{all_}."]
-            if not found.reached and found.refused is not None:
-                why = _say_why(found)
-                said.append(f"{why[:1].upper()}{why[1:]}.")
-            if found.joint is not None:
-                said.append(_say_joint(found.joint, self.settings.share))
-            if found.bound > 1:
-                said.append(f"At least {found.bound} impacts are needed, unless one first spins the body up.")
-        if found.floor > AXIAL and len(self.problem.debris.surface.find_pivots()) == 3:
-            said.append("A normal force has no moment about a sphere's centre, so only friction can take this "
-                        "momentum.")
-        elif found.floor > AXIAL:
-            said.append("A normal force has no moment about the axis of a body of revolution: "
-                        f"{100 * found.floor:.1f} % of this momentum lies along it, and only friction can take that "
-                        f"part.")
-        if self.beyond is not None:
-            said.append(_say_price(found, self.beyond))
-        return " ".join([*said, warn_of_extrapolation(self.ranges, self.impacts, self.problem.conditions)]).rstrip()
+        found, axial = self.sequence, self.sequence.floor > AXIAL
+        told = say(
+            "plan.outcome", found=found, share=self.settings.share, worth=f"{100 * LEAST_GAIN:.0f} %",
+            last=format_time(found.instants[-1], find_end(found)) if found.instants else "", beyond=self.beyond,
+            relaxed=[(one, _round_loosely(one.needed, one.needed > one.given)) for one in found.relaxations],
+            axial=axial, sphere=axial and len(self.problem.debris.surface.find_pivots()) == 3, cheap=LEAST_PRICE)
+        return f"{told} {warn_of_extrapolation(self.ranges, self.impacts, self.problem.conditions)}".rstrip()
 
     def __str__(self) -> str:
         """What was found, and how sure that is."""
@@ -262,57 +232,9 @@ def find_end(sequence: Sequence) -> float:
     return (sequence.instants[-1] if sequence.instants else 0.0) + AFTERWARDS
 
 
-def _say_price(inside: Sequence, beyond: Sequence) -> str:
-    """What it costs to stay within what was measured, by the same search without that limit."""
-    if len(beyond.impacts) == len(inside.impacts) and inside.left - beyond.left < LEAST_PRICE:
-        return "To stay within what was measured costs nothing."
-    takes, leaves = _count_impacts(len(beyond.impacts)), "leaves" if len(beyond.impacts) == 1 else "leave"
-    return (f"This plan stays within what was measured; without that limit {takes} {leaves} "
-            f"{100 * beyond.left:.2f} %, if the contact model holds there.")
-
-
-def _say_joint(joint: Joint, share: float) -> str:
-    """What optimising jointly made of the plan, or would leave with one impact less."""
-    count, (before, left, impulse, duration) = _count_impacts(joint.impacts), joint.alone
-    one = joint.impacts == 1
-    if not joint.taken:
-        missed = f"more than the wanted {100 * share:g} %" if joint.share > share else "but violates the limits"
-        return (f"Optimised jointly, {count} {'leaves' if one else 'leave'} {100 * joint.share:.2f} % of the angular "
-                f"momentum, {missed}.")
-    if joint.aim == "impacts":
-        return (f"Optimised jointly, {count} {'achieves' if one else 'achieve'} what takes "
-                f"{_count_impacts(before)} when planned one after the other.")
-    what = {"share": f"momentum left: {100 * joint.share:.2f} % of it remains, compared with {100 * left:.2f} %",
-            "impulse": f"impulse: {joint.impulse:.1f} N s, compared with {impulse:.1f} N s",
-            "time": f"time: {joint.duration:.1f} s, compared with {duration:.1f} s"}[joint.aim]
-    return f"The impacts were optimised jointly for the least {what} when planned one after the other."
-
-
-def _count_impacts(impacts: int) -> str:
-    number = NUMBERS[impacts] if impacts < len(NUMBERS) else f"{impacts}"
-    return f"{number} impact{'s' * (impacts != 1)}"
-
-
 def _round_loosely(value: float, up: bool) -> float:
     """Two digits, rounded so that what is allowed at `value` is allowed there too."""
     if value == 0.0:
         return 0.0
     step = 10.0 ** (math.floor(math.log10(abs(value))) - 1)
     return float(f"{(math.ceil if up else math.floor)(value / step) * step:.3g}")
-
-
-def _say_why(sequence: Sequence) -> str:
-    """Why no further impact was planned."""
-    best = sequence.refused
-    further = "a further" if sequence.impacts else "the best single"
-    if best is None:
-        return "no impact is allowed"
-    if best.missed:
-        return (f"the search found no {'further ' * bool(sequence.impacts)}impact that keeps the limits and improves "
-                f"the goal by {WORTH}, although closed-form estimates predict "
-                f"{100 * (1.0 - best.estimate / best.untouched):.1f} %; another seed or more starts may find it")
-    if best.allowed:
-        gain = max(0.0, 1.0 - best.score / best.untouched)
-        return (f"{further} impact improves the goal by {100 * gain:.2f} %, less than {WORTH}")
-    name = min(best.values, key=lambda one: best.values[one])
-    return f"the nearest design{' of a further impact' if sequence.impacts else ''} still violates: {name}"

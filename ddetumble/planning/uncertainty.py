@@ -12,6 +12,7 @@ import equinox as eqx
 import numpy as np
 
 from .._errors import ComputationError
+from .._sentences import say
 from ..contact.gripping import StrikeLaw
 from ..posterior.stacking import name_rival
 from .constraints import CONSTRAINTS, MISSED, Constraints
@@ -59,12 +60,12 @@ class Outlook:
     """What a plan does under the draws of one model, or of all."""
 
     weight: float  # of the model
-    momentum: Spread  # share of the angular momentum left [-]
-    peak_force: Spread  # [N]
+    share_left: Spread  # of the angular momentum [-]
+    peak_normal_force: Spread  # [N]
     peak_depression: Spread  # [m]
     violated: dict[str, float]  # probability that a constraint does not hold, by name
-    shares: np.ndarray  # of the momentum left, one a draw, shape (draws,) [-]
-    nominal: float  # share left under the best estimate [-]
+    draws: np.ndarray  # share left, one a draw, shape (draws,) [-]
+    best_estimate: float  # share left under it [-]
     regret: Regret  # of a plan for another model where this one is true; of all models together the largest
 
 
@@ -86,8 +87,8 @@ class Assessment:
 class Prospect:
     """What a sequence does under the draws of all models."""
 
-    after: tuple[Spread, ...]  # share of the angular momentum left after each impact
-    best: np.ndarray  # the same under the best estimate, shape (impacts,) [-]
+    share_left: tuple[Spread, ...]  # of the angular momentum, after each impact
+    best_estimate: np.ndarray  # the same under it, shape (impacts,) [-]
     reached: float  # probability that no more than the wanted share is left at the end
     # Probability that a constraint of an impact does not hold, by the impact's number and its name; only those that are
     # not nought.
@@ -184,7 +185,7 @@ def assess_plan(problem: StrikeProblem, plan: StrikePlan, laws: Laws, *, tail: f
     passed = max(regrets, key=lambda one: one.beyond)
     worst = Regret(max(one.loss for one in regrets), passed.beyond, passed.limit)
     whole = _look(problem, values, weights, tail, 1.0, float(best[main, 0]), worst)
-    means = [one.momentum.mean for one in models.values()]
+    means = [one.share_left.mean for one in models.values()]
     # Standard deviations within a model, of the momentum left and of every constraint.
     inside = [np.average((own - own.mean(axis=0)) ** 2, axis=0)
               for own in (values[owners == k] for k in range(len(models)))]
@@ -193,9 +194,13 @@ def assess_plan(problem: StrikeProblem, plan: StrikePlan, laws: Laws, *, tail: f
     slack = max(BEYOND, float(spreads[1 + CONSTRAINTS.index(worst.limit)]) if worst.limit else 0.0)
     costs = worst.loss > max(within, RESOLUTION) or worst.beyond > slack
     matters = costs or difference > max(within, RESOLUTION)
-    sentences = [_describe_spread(whole, tail)]
+    sentences = [str(say("plan.spread", whole=whole, tail=tail))]
     if len(models) > 1:
-        sentences.append(_describe_rivals(list(models), difference, within, worst, matters, costs, laws.folder))
+        names = ["nothing" if name == REFERENCE else name.replace("+", " with ") for name in models]
+        factor, unit = UNITS.get(worst.limit, (100.0, "%"))
+        excess = f"{factor * worst.beyond:.1f} {unit}" if worst.beyond > BEYOND else ""
+        sentences.append(str(say("plan.rivals", names=names, difference=difference, within=within, loss=worst.loss,
+                                 limit=worst.limit, excess=excess, matters=matters, costs=costs, folder=laws.folder)))
     return Assessment(tail, whole, models, difference, within, matters, tuple(sentences), note)
 
 
@@ -219,53 +224,6 @@ def assess_sequence(problem: StrikeProblem, sequence: Impacts, laws: Laws, share
     broken = np.einsum("d,dkc->kc", weights, rows[:, :, SHARE + 1:] < -ALLOWED)
     violated = {f"{k + 1}: {CONSTRAINTS[c]}": float(broken[k, c]) for k, c in zip(*np.nonzero(broken), strict=True)}
     reached = float(weights @ (left[:, -1] <= share * (1.0 + SLACK))) * (1.0 - lost)
-    return Prospect(after, np.sqrt(np.maximum(best[:, SHARE], 0.0)), reached, violated, lost,
-                    _describe_sequence(after, reached, violated, lost, share, tail))
-
-
-def _describe_spread(whole: Outlook, tail: float) -> str:
-    """How much is left, and how often a limit is passed."""
-    one = whole.momentum
-    passed = [f"{name} ({100 * share:.0f} % of the draws)" for name, share in whole.violated.items() if share > 0]
-    limits = f"Limits violated in some draws: {', '.join(passed)}." if passed else "No limit is violated in any draw."
-    return (f"Under the uncertainty of the contact the first impact leaves {100 * one.mean:.2f} ± {100 * one.sd:.2f} % "
-            f"of the angular momentum (90 % of the draws: {100 * one.q05:.2f} to {100 * one.q95:.2f} %), and in the "
-            f"worst {100 * tail:.0f} % of the draws {100 * one.tail:.2f} % on average. {limits}")
-
-
-def _describe_rivals(names: list[str], difference: float, within: float, worst: Regret, matters: bool, costs: bool,
-                     folder: str) -> str:
-    """Whether it matters which of the models is true."""
-    side = "more" if difference > within else "less"
-    names = ["nothing" if name == REFERENCE else name.replace("+", " with ") for name in names]
-    told = (f"Whether {', '.join(names[:-1])} or {names[-1]} is missing changes the momentum left by "
-            f"{100 * difference:.2f} % of the start, {side} than the uncertainty of the parameters ({100 * within:.2f} "
-            f"%), and planning with the wrong one costs at most {100 * worst.loss:.2f} %")
-    if worst.beyond > BEYOND:
-        factor, unit = UNITS.get(worst.limit, (100.0, "%"))
-        told += f" and violates a limit ({worst.limit}) by up to {factor * worst.beyond:.1f} {unit}"
-    if not matters:
-        return f"{told}: it does not matter for this plan."
-    after = f" `ddetumble design {folder}` finds the test that distinguishes them." if folder else ""
-    if not costs:
-        return f"{told}: it matters for the expected outcome, but not for how to strike.{after}"
-    return f"{told}: it matters for this plan.{after}"
-
-
-def _describe_sequence(after: tuple[Spread, ...], reached: float, violated: dict[str, float], lost: float, share: float,
-              tail: float) -> str:
-    end = after[-1]
-    told = (f"Under the uncertainty of the contact the {len(after)} impacts together, without replanning between "
-            f"them, leave {100 * end.mean:.2f} ± {100 * end.sd:.2f} % of the angular momentum, and in the worst "
-            f"{100 * tail:.0f} % of the draws {100 * end.tail:.2f} % on average; the wanted {100 * share:g} % are "
-            f"reached in {100 * reached:.0f} % of the draws.")
-    if violated:
-        worst = max(violated, key=lambda name: violated[name])
-        number, name = worst.split(": ")
-        told += (f" Some draws violate {len(violated)} of the limits, most often the {name} of impact {number} "
-                 f"({100 * violated[worst]:.0f} %).")
-    if lost > 0:
-        told += f" In {100 * lost:.0f} % of the draws the sequence could not be completed."
-    if reached < 0.5:
-        told += " Measure the motion after each impact, and replan those that follow."
-    return told
+    sentence = say("plan.sequence", count=len(after), end=after[-1], reached=reached, violated=violated, lost=lost,
+                   share=share, tail=tail)
+    return Prospect(after, np.sqrt(np.maximum(best[:, SHARE], 0.0)), reached, violated, lost, str(sentence))

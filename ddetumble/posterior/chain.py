@@ -142,8 +142,7 @@ def open_chain(folder: Path | None, identity: Mapping[str, Any]) -> Iterator[lis
     if folder is None:
         yield []
         return
-    with hold_folder(folder, "another process is writing its samples to this folder; wait for it, or name another "
-                             "folder"):
+    with hold_folder(folder, "another process writes its samples to this folder; wait for it, or name another one"):
         for part in folder.glob(".*.part"):  # a write that was cut off
             part.unlink(missing_ok=True)
         for old in folder.glob("block-*.npz") if not (folder / PLAN).is_file() else ():

@@ -21,6 +21,7 @@ from jaxtyping import Array
 from scipy import stats
 
 from .._display import Progress
+from .._sentences import say
 from ..inference.problem import simulate_records
 from .target import CampaignTarget, Plan, map_blocks
 
@@ -199,16 +200,8 @@ def _conclude(records: tuple[RecordCheck, ...], draws: int, totals: Mapping[str,
     p_value = min(1.0, 2.0 * min(together, float(apart.min())))
     rejected = p_value < LEVEL
     outstanding = tuple(one.record for one, row in zip(records, apart, strict=True) if 2.0 * row.min() < LEVEL)
-    told = f"p {'< 0.001' if p_value < 0.001 else f'= {p_value:.2g}'} after correction for {count} comparisons"
-    sentence = ("The measured records agree with records replicated from the fitted model: none of "
-                f"{count} comparisons stands out ({told}). This does not prove the model right: errors that its "
-                "parameters and the records' settings can imitate do not show here.")
-    if rejected:
-        which = [f"{len(outstanding)} of {len(records)} records stand out individually"] if outstanding else []
-        words = [STATISTICS[name] for name, value in totals.items() if 2.0 * len(totals) * value < LEVEL]
-        which += [f"all records together stand out by {' and '.join(words)}"] if words else []
-        sentence = (f"The measured records do not agree with records replicated from the fitted model ({told}): "
-                    f"{'; '.join(which)}. The model is incomplete, or the noise differs from what was assumed; "
-                    "the intervals of its parameters do not allow for that.")
+    words = [STATISTICS[name] for name, value in totals.items() if 2.0 * len(totals) * value < LEVEL]
+    sentence = str(say("posterior.replicated", rejected=rejected, p=p_value, count=count, records=len(records),
+                       outstanding=len(outstanding), together=words))
     return Checks(records, draws, dict(totals), min(float(single.min()), *totals.values()), count, p_value, rejected,
                   outstanding, sentence, replicates)

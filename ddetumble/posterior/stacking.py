@@ -19,10 +19,11 @@ from scipy import optimize
 
 from .._display import AbstractPrinted, Progress
 from .._errors import ComputationError, InputError
+from .._sentences import say
 from .._settings import list_shipped
 from ..contact.effect import AbstractEffect
 from ..families import open_campaign
-from ..inference.archive import Model, load
+from ..inference.archive import FittedModel, Model, load
 from ..inference.bounded import solve_bounded
 from ..inference.estimation import fit
 from ..inference.files import check_folder, list_versions, make_plain, read_json, write_json
@@ -167,13 +168,18 @@ def average(source: Campaign | str | Path | AbstractRivals | Sequence[Fit], mode
         if models:
             raise InputError("the folder says which models are rivals; leave out the effects, or name the campaign "
                              "itself", file=source)
-        model, rivals, name, sha256 = read_discovery(Path(source))
-        if campaign is None and name not in list_shipped():
-            raise InputError(f"the result does not contain its campaign {name!r}; name the folder of that campaign "
-                             "with --campaign", file=source)
-        measured = open_campaign(campaign or name)
-        if measured.sha256 != sha256:
-            notes.append(f"The campaign is not byte for byte the one that discover analysed ({name}).")
+        held, _ = read_discovery(Path(source))
+        best, model, rivals = held[0], held[0].model, [tuple(one.space.effects) for one in held]
+        if len(held) == 1:
+            raise InputError(f"discover found no rival of {', '.join(best.effects) or model}, so there is nothing to "
+                             "average; name the rivals yourself: `ddetumble average CAMPAIGN --effect ID --effect ID`",
+                             file=source)
+        if campaign is None and best.campaign not in list_shipped():
+            raise InputError(f"the result does not contain its campaign {best.campaign!r}; name the folder of that "
+                             "campaign with --campaign", file=source)
+        measured = open_campaign(campaign or best.campaign)
+        if measured.sha256 != best.sha256:
+            notes.append(f"The campaign is not byte for byte the one that discover analysed ({best.campaign}).")
     else:
         if campaign is not None:
             raise InputError("--campaign applies only to a folder that discover wrote")
@@ -200,24 +206,26 @@ def split_effects(text: str) -> tuple[str, ...]:
     return parts
 
 
-def read_discovery(folder: Path) -> tuple[str, list[tuple[type[AbstractEffect], ...]], str, str]:
-    """Reference model, effects of every rival, name and hash of the campaign, from a folder that `discover` wrote.
+def read_discovery(folder: Path) -> tuple[list[FittedModel], str]:
+    """The model of a folder that `discover` wrote, those that its last step could not tell from it, and the verdict.
 
     Raises:
-        InputError: The files are damaged or of something else, or there is no rival.
+        InputError: The files are damaged, of something else, or not all there.
     """
     path = folder / "result.json"
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-        model, campaign, sha256 = (str(content[key]) for key in ("model", "campaign", "sha256"))
-        last = [str(effect) for effect in content["steps"][-1]["effects"]]
+        verdict, expected = str(content["verdict"]), [str(e) for e in content["steps"][-1]["alternatives"]]
     except (OSError, ValueError, KeyError, TypeError, IndexError, RecursionError):
         raise InputError("this is not a result of discover, or is damaged; run discover again", file=path) from None
-    places = list_rivals(folder)
-    if len(places) == 1:
-        raise InputError(f"discover found no rival of {', '.join(last) or model}, so there is nothing to average; "
-                         "name the rivals yourself: `ddetumble average CAMPAIGN --effect ID --effect ID`", file=path)
-    return model, [tuple(load(place).space.effects) for place in places], campaign, sha256
+    best, *rivals = map(load, list_rivals(folder))
+    if len(rivals) < len(expected):
+        raise InputError(f"the rivals ({', '.join(expected)}) are not in this folder; run discover again", file=folder)
+    for one in rivals:
+        if one.sha256 != best.sha256 or type(one.space.reference) is not type(best.space.reference):
+            raise InputError("the rivals were fitted to a different campaign from the model; run discover again",
+                             file=one.folder)
+    return [best, *rivals], verdict
 
 
 def list_rivals(folder: Path) -> list[Path]:
@@ -355,23 +363,11 @@ def compare_rivals(elpd: np.ndarray, weights: np.ndarray) -> list[tuple[float, f
 
 
 def _say(rivals: Sequence[Rival], conditions: int) -> str:
-    best, others = rivals[0], rivals[1:]
-    shares = ", ".join(f"{one.name} {one.weight:.2f}" for one in sorted(rivals, key=lambda r: -r.weight))
-    parts = [f"Stacking over {conditions} left-out conditions of {best.fit.campaign} gives the weights {shares} "
-             "(elpd: log predictive density of left-out conditions)"]
-    within = [one for one in others if -one.difference <= ERRORS * one.standard_error]
-    for outcome, own, text in (
-            ("preferred", others, "{} is preferred to {}"),
-            ("favoured", within, "the weights favour {} over {}, but the difference is within "
-             f"{ERRORS:g} standard errors"),
-            ("favoured", [one for one in others if one not in within], "the weights favour {} over {}, but a "
-             f"difference of less than {LEAST:g} does not settle the choice"),
-            ("indistinguishable", others, "{} is not distinguishable from {}")):
-        behind = ", ".join(f"{one.name} (elpd lower by {-one.difference:.1f} ± {one.standard_error:.1f})"
-                           for one in own if one.outcome == outcome)
-        if behind:
-            parts.append(text.format(best.name, behind))
-    return "; ".join(parts) + "."
+    groups = {"preferred": [], "within": [], "near": [], "alike": []}
+    for one in rivals[1:]:
+        nearby = "within" if -one.difference <= ERRORS * one.standard_error else "near"
+        groups[{"preferred": "preferred", "favoured": nearby}.get(one.outcome, "alike")].append(one)
+    return str(say("posterior.weights", rivals=rivals, conditions=conditions, errors=ERRORS, least=LEAST, **groups))
 
 
 def name_rival(effects: Sequence[str]) -> str:

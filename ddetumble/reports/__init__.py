@@ -7,7 +7,7 @@ from ..planning.plan import Plan
 from ..posterior.result import Posterior
 from ..selection.compare import Comparison, Comparisons
 from ..selection.discovery import Discovery
-from .comparison import report_comparison, tabulate_errors, write_comparison
+from .comparison import report_comparison, tabulate_errors
 from .findings import write_report
 from .fit import report_fit
 from .missing import write_missing
@@ -42,4 +42,4 @@ def report(result: Fit | Comparison | Comparisons | Discovery | Posterior | Plan
 
 
 __all__ = ["Picture", "Section", "Table", "report", "report_comparison", "report_fit", "tabulate_errors",
-           "write_comparison", "write_missing", "write_page", "write_plan", "write_posterior", "write_report"]
+           "write_missing", "write_page", "write_plan", "write_posterior", "write_report"]

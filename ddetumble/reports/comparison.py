@@ -1,6 +1,6 @@
 """The report of a comparison: models against the measurements, and of several what each one adds."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,6 @@ from .. import figures
 from ..figures.traces import are_values
 from ..measurement.quantities import clean, describe_quantity, format_error, format_number
 from ..selection.compare import Comparison, Comparisons
-from ..selection.result import Place, Trace
 from .findings import show_errors, show_failures, show_fits
 from .page import Section, Table, draw_picture, write_page
 
@@ -28,45 +27,6 @@ _COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "channel": ("channel", lambda name: describe_quantity(name).name),
 }  # fmt: skip
 _RESIDUALS = {"rms": "rms residual", "bias": "mean residual"}
-
-
-def write_comparison(
-    sentence: str,
-    models: Mapping[str, Sequence[Trace]],
-    folder,
-    *,
-    title: str = "Model against measurement",
-    noise: Mapping | None = None,
-    where: Sequence[Place] | None = None,
-    status: Sequence[str] = (),
-    facts: Sequence[tuple[str, str, str]] = (),
-    first: Sequence[Section] = (),
-    sections: Sequence[Section] = (),
-    name: str = "comparison.html",
-) -> Path:
-    """Write a comparison of models with a campaign as a page; figures as PNG in `figures/` beside it.
-
-    Args:
-        sentence: the first thing on the page.
-        models: traces by the model's name; of two, the simpler first; more only of values, one a record.
-        folder: where to write.
-        title: of the page, shown by the browser.
-        noise: by channel, as in `Discovery.noise`.
-        where: places of the misfit; None where nobody looked for them.
-        status: short facts for the line below the sentence, such as the campaign's name.
-        facts: boxes of (what, value, remark).
-        first, sections: further parts, before and after the figures.
-        name: of the page's file.
-
-    Returns:
-        Path of the page.
-
-    Raises:
-        InputError: The folder cannot be written.
-    """
-    models = {clean(label, 60): traces for label, traces in models.items()}
-    parts = [*first, show_fits(models), show_failures(models, noise, where), *sections]
-    return write_page(title, sentence, parts, folder, name, status=[clean(one, 120) for one in status], facts=facts)
 
 
 def report_comparison(found: Comparison | Comparisons, folder) -> Path:
@@ -90,9 +50,10 @@ def report_comparison(found: Comparison | Comparisons, folder) -> Path:
             sections.append(_show_signatures(found))
         what, where = f"{len(found)} models", found[0].where
     sentence = found.sentence if isinstance(found, Comparison) else " ".join([found.sentence, *found.failures])
-    return write_comparison(
-        sentence, shown, folder, title=f"{one.campaign} and {what}", noise=one.noise, where=where,
-        status=(one.campaign, f"{len(one.records)} records"), first=sections, sections=[tabulate_errors(one)])
+    models = {clean(label, 60): traces for label, traces in shown.items()}
+    sections += [show_fits(models), show_failures(models, one.noise, where), tabulate_errors(one)]
+    return write_page(f"{one.campaign} and {what}", sentence, sections, folder, "comparison.html",
+                      status=[clean(one.campaign, 120), f"{len(one.records)} records"])
 
 
 def _show_signatures(found: Comparisons) -> Section:

@@ -2,7 +2,6 @@
 
 import io
 import json
-import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -88,17 +87,17 @@ def write_workbook(tables: Tables) -> bytes:
             raise InputError(f"the table {name} has {len(table)} rows and a sheet of .xlsx holds {MOST_ROWS}; use the "
                              "CSV files of the campaign")
         sheet = book.create_sheet(name[:31])
+
+        def write(value, sheet=sheet):
+            """A text as a cell that no program takes for a formula; else the value, None where there is none."""
+            if not isinstance(value, str):
+                return None if value != value else value
+            cell = WriteOnlyCell(sheet, ILLEGAL_CHARACTERS_RE.sub(" ", value))
+            cell.data_type = "s"
+            return cell
+
         for row in (table.columns, *table.astype(object).itertuples(index=False, name=None)):
-            cells = []
-            for value in row:
-                text = isinstance(value, str)
-                missing = isinstance(value, float) and math.isnan(value)
-                cells.append(WriteOnlyCell(sheet, ILLEGAL_CHARACTERS_RE.sub(" ", value) if text else value))
-                if text:
-                    cells[-1].data_type = "s"
-                elif missing:
-                    cells[-1].value = None
-            sheet.append(cells)
+            sheet.append([*map(write, row)])
     stream = io.BytesIO()
     book.save(stream)
     return stream.getvalue()

@@ -34,8 +34,8 @@ from .missing import show_missing
 from .page import Picture, Section, Table, draw_picture, flatten, write_page
 
 
-def write_report(discovery: Discovery, folder, name: str = "report.html") -> Path:
-    """Write what `discover` returned as one self-contained page of that name, and its figures; returns its path.
+def write_report(discovery: Discovery, folder) -> Path:
+    """Write what `discover` returned as one self-contained page, and its figures; returns its path.
 
     Raises:
         InputError: The folder cannot be written.
@@ -51,7 +51,7 @@ def write_report(discovery: Discovery, folder, name: str = "report.html") -> Pat
     ]
     verdict = say_verdict(discovery.verdict)
     return write_page(f"{verdict}: {discovery.campaign}", discovery.sentence, _build_sections(discovery), folder,
-                      name, verdict=discovery.verdict, badge=verdict, status=status, facts=_list_facts(discovery))
+                      verdict=discovery.verdict, badge=verdict, status=status, facts=_list_facts(discovery))
 
 
 def _list_facts(discovery: Discovery) -> list[tuple[str, str, str]]:
@@ -104,8 +104,7 @@ def _build_sections(discovery: Discovery) -> list[Section]:
         strong = [item for item in discovery.steps[-1].correlations if abs(item[2]) > 0.95]
         sections.append(show_parameters(models, [
             f"{clean(a)} and {clean(b)} have a correlation of {value:+.3f}: the data determine a combination of them "
-            f"far "
-            "better than either." for a, b, value in strong]))
+            "far better than either." for a, b, value in strong]))
     sections.append(_show_judgement(discovery))
     rows = [("campaign", clean(discovery.campaign)), ("title", clean(discovery.title)), ("family", discovery.family),
             ("SHA-256 of the campaign", discovery.sha256), ("reference model", clean(discovery.model)),
@@ -265,17 +264,15 @@ def _show_ranking(discovery: Discovery) -> Section:
         rows.append((clean(one.effect), *gain, format_share(one.visible), format_error(one.heldout_nrmse),
                      format_error(one.prediction_nrmse), difference, ", ".join(sizes) or "–",
                      ", ".join(map(clean, one.indistinguishable_from)) or "–"))
-    header = ("effect", "explains", "p", "visible", "cross-validated", "prediction", "difference from the best, "
-                                                                                     "cross-validated",
-              "smallest detectable", "indistinguishable from")
+    header = ("effect", "explains", "p", "visible", "cross-validated", "prediction",
+              "difference from the best, cross-validated", "smallest detectable", "indistinguishable from")
     marked = frozenset(i for i, one in enumerate(discovery.candidates) if one.effect in discovery.effects)
     tables = [Table(header, rows, "All effects of the catalogue as they stood at the first step.", marked)]
     paragraphs = [
         "Explains: the share of the misfit above noise that the effect alone explains after a refit; for an effect "
         "added at a later step, the share that this step explained. Visible: the share of its own signature that is "
         f"left when {choose_view(family=discovery.family).free} and the records' settings are free to imitate it; "
-        f"below "
-        f"{100 * discovery.settings.invisible:g} % this campaign cannot detect it."]
+        f"below {100 * discovery.settings.invisible:g} % this campaign cannot detect it."]
     kin = [(clean(step.added), *row) for step in discovery.steps if step.added
            for row in list_alternatives(step.alternatives)]
     if kin:
@@ -307,8 +304,7 @@ def _show_faults(discovery: Discovery) -> Section:
     header = ("fault", "records", "channel", "what is seen", "what was done", "what to do")
     text = ("A record is called faulty if all others disagree with it although there are tests on all sides of it, or "
             "a repeat; at an extreme of the conditions the cause may be physics, and the record is kept, unless a "
-            "known "
-            "ratio of units explains it. --keep-all leaves nothing out.")
+            "known ratio of units explains it. --keep-all leaves nothing out.")
     return Section("Faults of the data", [text], tables=[Table(header, rows)])
 
 

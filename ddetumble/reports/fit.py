@@ -21,8 +21,8 @@ class _Drawn(NamedTuple):
     correlations: Sequence[tuple[str, str, float]]
 
 
-def report_fit(fit: Fit, folder, name: str = "report.html") -> Path:
-    """Write the page of a fit under that name, and its figures; returns its path.
+def report_fit(fit: Fit, folder) -> Path:
+    """Write the page of a fit, and its figures; returns its path.
 
     Raises:
         InputError: The folder cannot be written.
@@ -40,12 +40,11 @@ def report_fit(fit: Fit, folder, name: str = "report.html") -> Path:
     if shifts:
         sections.append(show_shifts({fit.model_text: shifts}))
     told = str(fit.goodness) or (f"There is no sign of gross lack of fit (χ² / dof = "
-                                 f"{format_number(fit.chi2_reduced)}); "
-                                 "`ddetumble compare` tests for small misfits.")
+                                 f"{format_number(fit.chi2_reduced)}); `ddetumble compare` tests for small misfits.")
     if not fit.converged:
         told = f"The fit has not converged: {fit.state}. {told}"
     status = [clean(fit.campaign, 60), f"{fit.records} records", f"{fit.samples} samples"]
     facts = [("χ² / dof", format_number(fit.chi2_reduced), "1 if only noise is left"),
              ("parameters", str(len(fit.parameters)), "fitted")]
-    return write_page(f"{fit.campaign} and the model {fit.model_text}", told, sections, folder, name,
+    return write_page(f"{fit.campaign} and the model {fit.model_text}", told, sections, folder,
                       badge="" if fit.converged else "not converged", status=status, facts=facts)

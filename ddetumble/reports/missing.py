@@ -9,15 +9,13 @@ from ..selection.result import MissingForce
 from .page import Section, Table, draw_picture, write_page
 
 
-def write_missing(missing: MissingForce, folder, *, title: str, status: Sequence[str] = (), name: str = "missing.html"
-                  ) -> Path:
-    """Write what `draw_missing_force` returned as one self-contained page; `title`, `status` and `name` as of
-    `write_page`.
+def write_missing(missing: MissingForce, folder, *, title: str, status: Sequence[str] = ()) -> Path:
+    """Write what `draw_missing_force` returned as one self-contained page; `title` and `status` as of `write_page`.
 
     Raises:
         InputError: The folder cannot be written.
     """
-    return write_page(title, missing.sentence, show_missing(missing, sentence=False), folder, name,
+    return write_page(title, missing.sentence, show_missing(missing, sentence=False), folder, "missing.html",
                       status=status)
 
 
@@ -38,8 +36,8 @@ def show_missing(missing: MissingForce, sentence: bool = True) -> list[Section]:
     if len(missing.shapes) > 1:
         pictures.append(draw_picture(
             "missing-rivals", "The same over the other variables that came close, each fitted alone, with the "
-                              "difference from "
-            "the best in noise variances of left-out conditions.", figures.draw_missing_rivals, missing))
+            "difference from the best in noise variances of left-out conditions.", figures.draw_missing_rivals,
+            missing))
     rows = []
     for shape in missing.shapes:
         shown, error = describe_quantity(shape.variable, shape.x), shape.standard_error

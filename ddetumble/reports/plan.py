@@ -24,7 +24,7 @@ from ..planning.plan import Plan, find_end
 from ..planning.problem import StrikeProblem, list_faces, measure_share
 from ..planning.sequence import Sequence
 from ..planning.single import StrikePlan
-from ..planning.uncertainty import Assessment, Outlook, Prospect
+from ..planning.uncertainty import Assessment, Prospect
 from .page import Section, Table, draw_picture, read_text, write_page
 
 
@@ -44,11 +44,9 @@ FOUNDED = {
 WORDS = {
     "best": "The impacts are planned for the best estimate.",
     "mean": "The impacts are planned for the mean over the draws, and every limit holds for the mean over its own "
-            "worst "
-    "share of them.",
+            "worst share of them.",
     "tail": "The impacts are planned for the mean over the worst share of the draws, and every limit holds for the "
-            "mean "
-    "over its own worst share.",
+            "mean over its own worst share.",
 }
 CHEAP = 1e-6  # of the goal, below which nothing is gained by a looser limit
 # Unit in which errors are shown, and its number in SI.
@@ -73,8 +71,7 @@ def _list_impact(number: int, instant: float, share: float, plan: StrikePlan, be
         "impact": number, "face": plan.face, "instant": instant,
         **{name: np.asarray(value).tolist() for name, value in arrays.items()},
         "share_left": share, "score": plan.score, "allowed": plan.allowed, "constraints": plan.values,
-        "certificate": {"stationarity": proof.stationarity, "gradient_error": proof.gradient_error,
-                        "binding": proof.binding, "edge_margin": float(collision.margin)},
+        "certificate": {**dc.asdict(proof), "edge_margin": float(collision.margin)},
         "integrations": {"values": plan.tally.values, "gradients": plan.tally.slopes},
         "starts": [{"face": face, "score": score, "allowed": allowed} for face, score, allowed in plan.scores],
         "extrapolated": [{"value": one.value, **dc.asdict(one.measured)} for one in beyond],
@@ -173,8 +170,7 @@ def write_plan(plan: Plan, folder) -> Path:
         "impacts": impacts,
         "prices": [{"impact": k, **dc.asdict(price)} for k, prices in enumerate(plan.prices, 1) for price in prices],
         "rules": plan.rules,
-        "errors": [{"error": one.error, "size": one.size, "mean": one.mean, "q95": one.high, "missed": one.missed,
-                    "violated": one.violated, "drift": one.drift} for one in plan.spreads],
+        "errors": plan.spreads,
         "refused": None if best is None else {
             "face": best.face, "score": best.score, "untouched": best.untouched, "allowed": best.allowed,
             "estimate": best.estimate, "missed": best.missed,
@@ -182,7 +178,8 @@ def write_plan(plan: Plan, folder) -> Path:
             "constraints": best.values},
         "measured": plan.ranges, "within": settings.within or None,
         "share_left_beyond": None if plan.beyond is None else plan.beyond.left,
-        "uncertainty": None if assessment is None else _list_outlook(assessment, settings.plan_for, prospect),
+        "uncertainty": None if assessment is None else {
+            **vars(assessment), "plan_for": settings.plan_for, "sequence": prospect},
         "version": metadata.version("ddetumble"),
     }  # fmt: skip
     figures = [draw_picture("motion", "Angular momentum (inertial components) and nutation angle; dotted: the impacts.",
@@ -293,7 +290,7 @@ def _show_errors(plan: Plan) -> Section:
     for one in plan.spreads:
         unit, scale = UNITS.get(one.error, ("", 1.0))
         size = "" if one.error == "all" else f"{scale * one.size:.3g} {unit}"
-        rows.append([NAMES.get(one.error, "all together"), size, f"{100 * one.mean:.2f}", f"{100 * one.high:.2f}",
+        rows.append([NAMES.get(one.error, "all together"), size, f"{100 * one.mean:.2f}", f"{100 * one.q95:.2f}",
                      f"{100 * one.missed:.0f}", f"{100 * one.violated:.0f}"])
     drift, spread = plan.spreads[-1].drift
     speed = float(np.linalg.norm(plan.sequence.impacts[0].collision.velocity))
@@ -310,31 +307,11 @@ def _show_errors(plan: Plan) -> Section:
          "limits violated [%]"], rows)])
 
 
-def _list_outlook(found: Assessment, plan_for: str, prospect: Prospect | None = None) -> dict[str, Any]:
-    """As `plan.json` has it, SI; shares of the angular momentum at the start."""
-
-    def show(one: Outlook) -> dict[str, Any]:
-        return {
-            "weight": one.weight, "best_estimate": one.nominal, "share_left": one.momentum,
-            "peak_normal_force": one.peak_force, "peak_depression": one.peak_depression, "violated": one.violated,
-            "regret": one.regret, "draws": one.shares,
-        }  # fmt: skip
-
-    return {
-        "sequence": None if prospect is None else {
-            "sentence": prospect.sentence, "share_left": prospect.after, "best_estimate": prospect.best,
-            "reached": prospect.reached, "violated": prospect.violated, "lost": prospect.lost},
-        "plan_for": plan_for, "tail": found.tail, "note": found.note, "sentences": found.sentences,
-        "matters": found.matters, "difference": found.difference, "within": found.within,
-        "whole": show(found.whole), "models": {name: show(one) for name, one in found.models.items()},
-    }  # fmt: skip
-
-
 def _show_outlook(found: Assessment, plan_for: str, prospect: Prospect | None, share: float) -> Section:
     """Sentences, the momentum left under every draw, and numbers of every model."""
     rows = []
     for name, one in (*found.models.items(), ("all, by their weights", found.whole)):
-        left, force, depth = one.momentum, one.peak_force, one.peak_depression
+        left, force, depth = one.share_left, one.peak_normal_force, one.peak_depression
         passed = ", ".join(f"{limit} {100 * part:.0f} %" for limit, part in one.violated.items() if part > 0)
         rows.append([name, f"{one.weight:.2f}", f"{100 * left.mean:.2f} ± {100 * left.sd:.2f}",
                      f"{100 * left.q05:.2f} to {100 * left.q95:.2f}", f"{100 * left.tail:.2f}",
@@ -347,14 +324,14 @@ def _show_outlook(found: Assessment, plan_for: str, prospect: Prospect | None, s
         "For the first impact. The last column is the relative loss in the goal by a plan made for another model.")
     pictures = [draw_picture(
         "outlook", "Angular momentum left by the first impact, for draws of the contact law. Dashed: "
-        "the mean over the worst share.", draw_outlook, {name: one.shares for name, one in found.models.items()},
-        found.whole.nominal, found.whole.momentum.tail)]
+        "the mean over the worst share.", draw_outlook, {name: one.draws for name, one in found.models.items()},
+        found.whole.best_estimate, found.whole.share_left.tail)]
     sentences = list(found.sentences)
     if prospect is not None:
-        low, high, tail = (np.array([getattr(one, name) for one in prospect.after]) for name in ("q05", "q95", "tail"))
+        low, high, tail = np.array([(one.q05, one.q95, one.tail) for one in prospect.share_left]).T
         pictures.append(draw_picture(
             "prospect", "Angular momentum left after each impact, for the same draws and without replanning.",
-            draw_prospect, prospect.best, low, high, tail, share))
+            draw_prospect, prospect.best_estimate, low, high, tail, share))
         sentences.insert(1, prospect.sentence)
     return Section("Uncertainty of the outcome", [*sentences, WORDS[plan_for], found.note], figures=pictures,
                    tables=[table])

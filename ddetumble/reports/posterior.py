@@ -4,6 +4,7 @@ import math
 from pathlib import Path
 
 from .. import figures
+from .._sentences import say
 from ..measurement.quantities import (
     clean,
     describe_conditions,
@@ -25,8 +26,8 @@ from .page import Picture, Section, Table, flatten, write_page
 HEADLINE = 105  # characters of intervals in the first sentence: two lines of a page
 
 
-def write_posterior(posterior: Posterior, folder, name: str = "report.html") -> Path:
-    """Write what the draws of `sample` say, examined or not, as one page of that name; returns its path.
+def write_posterior(posterior: Posterior, folder) -> Path:
+    """Write what the draws of `sample` say, examined or not, as one page; returns its path.
 
     Raises:
         InputError: The folder cannot be written.
@@ -49,7 +50,7 @@ def write_posterior(posterior: Posterior, folder, name: str = "report.html") -> 
                                                _show_chains)),
                 Section("Provenance", tables=[Table(("item", "value"), rows)])]
     return write_page(f"Posterior: {posterior.title}", _say_posterior(posterior), [s for s in sections if s], folder,
-                      name, badge="converged" if posterior.converged else "not converged", status=status, facts=facts)
+                      badge="converged" if posterior.converged else "not converged", status=status, facts=facts)
 
 
 def _say_posterior(posterior: Posterior) -> str:
@@ -64,18 +65,9 @@ def _say_posterior(posterior: Posterior) -> str:
         if len(told) > 1 and len(join_words(told)) > HEADLINE:
             told.pop()
             break
-    rest, checks = len(names) - len(told), posterior.predictive
-    more = f" {rest} more {'parameters are' if rest > 1 else 'parameter is'} given below." if rest > 0 else ""
-    text = f"The 95 % intervals are {join_words(told)}.{more}"
-    if not posterior.converged:
-        return f"The chains have not converged, so these numbers are not final. {text}"
-    if checks is None:
-        return f"{text} They are valid if the model is right, which was not checked."
-    if checks.rejected:
-        return (f"These intervals cannot be relied on: the measured records do not agree with records replicated from "
-                f"the "
-                f"model ({say_p(checks.p_value)}). {text}")
-    return f"{text} The measured records agree with records replicated from the model ({say_p(checks.p_value)})."
+    checks = posterior.predictive
+    return say("posterior.intervals", told=told, rest=len(names) - len(told), converged=posterior.converged,
+               checks=checks, p="" if checks is None else say_p(checks.p_value))
 
 
 def _show_parameters(posterior: Posterior) -> Section:

@@ -1,15 +1,14 @@
 """Models beside the measurements: how large the error is against the noise, what it depends on, which does best."""
 
-import abc
 import dataclasses as dc
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, overload
+from typing import Any, ClassVar, overload
 
 import numpy as np
 import pandas as pd
 
-from .._display import AbstractPrinted, Progress
+from .._display import Progress
 from .._errors import ComputationError, InputError
 from .._sentences import Sentence, say
 from .._user_files import split_name
@@ -17,7 +16,7 @@ from ..contact.effect import is_absent
 from ..families import Family, find_family, name_family, open_campaign
 from ..inference.archive import FittedModel, Model, resolve_model, take_fitted
 from ..inference.estimation import fit
-from ..inference.files import make_plain, write_json
+from ..inference.files import AbstractWritten, make_plain
 from ..inference.noise_estimation import differs_from_stated
 from ..measurement.campaign import Campaign, thin_campaign
 from ..measurement.quantities import describe_quantity, format_quantity
@@ -38,22 +37,8 @@ BINS = 12  # of a variable: fewer hide where a misfit begins, more are their own
 MANY = 1_000_000  # samples that are looked at: a minute or two, and 2.5 GB of memory
 
 
-class _Written(AbstractPrinted):
-    """What is printed, and written as JSON."""
-
-    @abc.abstractmethod
-    def to_dict(self) -> dict[str, Any]:
-        """Everything but the fitted series, as JSON can hold it."""
-
-    def save(self, folder) -> Path:
-        """Write `compare.json` into a folder; returns its path."""
-        path = Path(folder) / "compare.json"
-        write_json(path, self.to_dict())
-        return path
-
-
 @dc.dataclass(frozen=True)
-class Comparison(_Written):
+class Comparison(AbstractWritten):
     """A model compared with a campaign; errors are RMS residuals over the RMS of the signal.
 
     Attributes:
@@ -88,6 +73,7 @@ class Comparison(_Written):
         sequential: evidence against the model after every record, which may be looked at at any time.
     """
 
+    file: ClassVar[str] = "compare.json"
     campaign: str
     title: str
     sha256: str
@@ -168,7 +154,7 @@ class Beaten:
 
 
 @dc.dataclass(frozen=True)
-class Comparisons(Sequence[Comparison], _Written):
+class Comparisons(Sequence[Comparison], AbstractWritten):
     """Several models compared with one campaign, in the order in which they were given: the loop by hand.
 
     Attributes:
@@ -182,6 +168,7 @@ class Comparisons(Sequence[Comparison], _Written):
         sentence: the outcome in words.
     """
 
+    file: ClassVar[str] = "compare.json"
     models: tuple[Comparison, ...]
     names: tuple[str, ...]
     best: int | None
