@@ -31,12 +31,12 @@ class Prior(Strict):
 class Sampler(Strict):
     """How `ddetumble sample` draws from the posterior; a fit checks it and leaves it alone."""
 
-    name: Literal["emcee", "nuts"] = Field("emcee", description='`"emcee"`, or `"nuts"` with the extra `nuts`')
-    walkers: StrictInt = Field(0, ge=0, description="of each ensemble, even; 0 for as many as the parameters ask for")
-    ensembles: StrictInt = Field(4, ge=1, description="independent ones; chains of NUTS")
-    steps: StrictInt = Field(5000, ge=1, description="after the burn-in, at most")
-    burn: StrictInt = Field(100, ge=0, description="first steps, which are left out")
-    effective: StrictInt = Field(2000, ge=1, description="independent draws that are wanted of every parameter")
+    name: Literal["emcee", "nuts"] = Field(default="emcee", description='`"emcee"`, or `"nuts"` with the extra `nuts`')
+    walkers: StrictInt = Field(default=0, ge=0, description="of each ensemble, even; 0: as many as it takes")
+    ensembles: StrictInt = Field(default=4, ge=1, description="independent ones; chains of NUTS")
+    steps: StrictInt = Field(default=5000, ge=1, description="after the burn-in, at most")
+    burn: StrictInt = Field(default=100, ge=0, description="first steps, which are left out")
+    effective: StrictInt = Field(default=2000, ge=1, description="independent draws that are wanted of every parameter")
 
 
 class Specification(Strict):
@@ -59,7 +59,7 @@ class Specification(Strict):
         "whether each record's conditions and time origin move within their stated uncertainty"))
     noise: Literal["measured", "stated"] = Field("measured", description=(
         '`"measured"`: its correlation, from the residuals; or `"stated"`: white, of the stated size'))
-    sampler: Sampler = Field(Sampler(), description="for `sample` alone")
+    sampler: Sampler = Field(default=Sampler(), description="for `sample` alone")
     seed: StrictInt = Field(0, ge=0, description="of the sampler")
 
 

@@ -94,7 +94,8 @@ def check_priors(target: AbstractTarget, x: np.ndarray, independent: float = 1.0
             points = np.repeat(mean[None], 3, axis=0)
             points[:, k] = stats.truncnorm.ppf([0.5, 0.025, 0.975], *(
                 (limit - before[i, 0]) / before[i, 1] for limit in (target.low[k], target.high[k])), *before[i])
-            prior = tuple(map(float, target.publish(points)[:, k]))
+            middle, low, high = map(float, target.publish(points)[:, k])
+            prior = middle, low, high
             share, far = float(min(spread[k, k] / before[i, 1] ** 2, 1.0)), float(distance[i])
         found[name] = PriorInfluence(prior, share, far, float(moved[k]), float(widened[k]))
     flat = tuple(name for name, low, high in zip(target.names, target.low, target.high, strict=True)
