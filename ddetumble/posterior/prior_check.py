@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from ..measurement.quantities import join_words
+from .._sentences import say
+from ..measurement.quantities import format_share
 from .loo import limit_shape, smooth_weights
 from .predictive_check import Replicates, replicate
 from .target import AbstractTarget, CampaignTarget
@@ -107,7 +108,11 @@ def check_priors(target: AbstractTarget, x: np.ndarray, independent: float = 1.0
         inside, width = _measure_band(made)
     checked = PriorCheck(found, p_value, p_value < LEVEL, shape, shape < limit_shape(int(independent * len(x))), flat,
                          inside, width, failed, made, "")
-    return dc.replace(checked, sentence=_tell(checked))
+    own = {name: one for name, one in found.items() if one.prior is not None}
+    return dc.replace(checked, sentence=str(say(
+        "posterior.priors", found=checked, worst=max(own, key=lambda name: abs(own[name].distance)),
+        ruled=[f"{name} ({format_share(one.share)})" for name, one in own.items() if one.share > MOST],
+        farthest=max(found, key=lambda name: abs(found[name].moved)), least=MOVED)))
 
 
 def _measure_distance(apart: np.ndarray, deviations: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, float]:
@@ -160,35 +165,3 @@ def _measure_band(made: Replicates | None) -> tuple[float | None, float | None]:
     ratios = [np.sqrt(np.mean(half[channel == c] ** 2) / max(np.mean(reading[channel == c] ** 2), 1e-300))
               for c in np.unique(channel)]
     return float(np.mean((reading >= low) & (reading <= high))), float(np.max(ratios))
-
-
-def _tell(found: PriorCheck) -> str:
-    """What a check of priors says, in words."""
-    own = {name: one for name, one in found.parameters.items() if one.prior is not None}
-    told = f"p {'< 0.001' if found.p_value < 0.001 else f'= {found.p_value:.2g}'}"
-    if found.rejected:
-        worst = max(own, key=lambda name: abs(own[name].distance))
-        text = [f"Priors and records disagree ({told}): the records move {worst} {abs(own[worst].distance):.2g} "
-                "standard deviations away from its prior. One of the two is wrong, or the model is."]
-    else:
-        text = [f"Priors and records agree ({told})."]
-    ruled = [f"{name} ({100 * one.share:.0f} %)" for name, one in own.items() if one.share > MOST]
-    text.append(f"Of what is known about {join_words(ruled)}, most comes from the prior." if ruled else
-                "The records say more than the prior about every parameter that has one.")
-    if found.trusted:
-        name = max(found.parameters, key=lambda n: abs(found.parameters[n].moved))
-        moved = found.parameters[name].moved
-        text.append(f"With priors twice as wide the mean of {name} would move by {moved:+.2g} standard deviations."
-                    if abs(moved) > MOVED else
-                    f"With priors twice as wide no mean would move by more than {MOVED:g} standard deviations.")
-    else:
-        text.append("How much wider priors would change cannot be told from these draws: sample with wider ones.")
-    if found.inside is not None and found.width is not None:
-        text.append(f"Of the readings {100 * found.inside:.0f} % lie in the 95 % band of records drawn from the priors "
-                    f"alone, whose half-width is {found.width:.2g} times the RMS reading.")
-    elif found.flat:
-        text.append(f"No records can be drawn from the priors alone, as {join_words(found.flat)} "
-                    f"{'has' if len(found.flat) == 1 else 'have'} none.")
-    if found.failed > 0:
-        text.append(f"At {100 * found.failed:.2g} % of the draws from the priors the model could not be computed.")
-    return " ".join(text)
