@@ -3,6 +3,7 @@
 import dataclasses as dc
 import json
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -201,3 +202,17 @@ def test_result_and_page_hold_them(tmp_path):
     assert any(one["key"] == "arm.speed" and one["gain"] > 0 for one in result["prices"])
     assert len(result["rules"]) == 2 and result["errors"][-1]["error"] == "all"
     assert next(one["size"] for one in result["errors"] if one["error"] == "place") == 0.02
+
+
+def test_one_blow_is_judged_in_public(held):
+    """What a plan says of its blow comes again from its variables; a map of places and its gradient are one `vmap`."""
+    problem, best = held
+    face, x = best.place
+    values, slopes = map(np.asarray, dd.planning.evaluate_slopes(problem, face, jnp.asarray(x)))
+    assert float(values[0]) == pytest.approx(best.score, rel=1e-6)
+    kept = dict(zip(dd.planning.CONSTRAINTS, map(float, values[1:]), strict=True))
+    assert kept == pytest.approx(best.values, abs=1e-6)
+    places = x + np.array([[0.0], [1e-4], [-1e-4]]) * (np.arange(7) == 0)
+    scores = np.asarray(jax.vmap(lambda one: dd.planning.evaluate(problem, face, one))(jnp.asarray(places)))[:, 0]
+    assert float(scores[0]) == pytest.approx(best.score, rel=1e-6)
+    assert float(scores[1] - scores[2]) / 2e-4 == pytest.approx(float(slopes[0, 0]), rel=1e-2, abs=1e-4)

@@ -1,5 +1,8 @@
 """Public names of planning and where they live."""
 
+from .constraints import CONSTRAINTS as CONSTRAINTS
+from .constraints import evaluate as evaluate
+from .constraints import evaluate_slopes as evaluate_slopes
 from .draws import Laws as Laws
 from .draws import draw_laws as draw_laws
 from .plan import PlanSettings as PlanSettings
