@@ -76,6 +76,8 @@ def tell_discovery(found: Discovery, family: Family, left_out: Sequence[str], un
                          before=_level(first, found)))
     else:
         parts.append(_tell_verdict(found, family, folds))
+        if found.biases and found.effects:
+            parts.append(say("verdict.biased", biases=[_describe_bias(one) for one in found.biases]))
         wander = [channel for channel, one in found.noise.items() if one.get("slow_sd")]
         if wander:
             parts.append(say("verdict.wandering", channels=wander, every=1 < len(wander) == len(found.noise)))
