@@ -43,7 +43,7 @@ def find_places(notebook: nbformat.NotebookNode) -> list[str]:
     """Texts shown that name a place of this machine."""
     shown = [output.get("text", "") + str(output.get("data", {}).get("text/plain", ""))
              for cell in notebook.cells for output in cell.get("outputs", ())]
-    return [text for text in shown if re.search(rf"{re.escape(str(ROOT))}|/home/|/Users/|/root/|/tmp/", text)]
+    return [text for text in shown if re.search(rf"{re.escape(str(ROOT))}|/(home|Users|root|tmp)/", text)]
 
 
 def main(wanted: list[str]) -> None:
