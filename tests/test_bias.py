@@ -1,13 +1,15 @@
 """Settings that are wrong alike in all records: how large their error is, and what they do not explain."""
 
 import dataclasses as dc
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from helpers_statistics import PRESSURES, SPEEDS, fit_toy, make_selection
 
+from ddetumble.effects.impact import SensorGain, WallStiffness
 from ddetumble.measurement.units import Uncertainty
-from ddetumble.selection.bias import find_bias, fit_biases
+from ddetumble.selection.bias import find_bias, fit_biases, matches_effects
 from ddetumble.selection.cross_validation import leave_out
 
 
@@ -123,3 +125,12 @@ def test_a_shared_error_that_the_campaign_states_is_no_rival():
                for name, column in selection.campaign.conditions.items()}
     known = dc.replace(selection, campaign=dc.replace(selection.campaign, conditions=columns))
     assert fit_biases(known, fit(3, 0.03)[2], fit(3, 0.03)[2]) == []
+
+
+@pytest.mark.parametrize(("merits", "effects", "expected"), [
+    ((), [WallStiffness], False), ((12.0,), [WallStiffness], True), ((8.0,), [WallStiffness], True),
+    ((12.0,), [SensorGain], False), ((8.0, 12.0), [SensorGain], True), ((12.0,), [SensorGain, WallStiffness], True),
+])  # fmt: skip
+def test_no_physics_stands_beside_an_error_that_does_as_well(merits, effects, expected):
+    """Effects of merit 10: a gauge's gain gives way only to a better error, physics to any that is not beaten."""
+    assert matches_effects([SimpleNamespace(merit=one) for one in merits], 10.0, effects) is expected

@@ -1,10 +1,11 @@
 """Settings that are wrong alike in all records (a gauge that reads high throughout), as rivals of physics."""
 
 import dataclasses as dc
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ..contact.effect import AbstractEffect
 from ..inference.goodness import combine_p_values, weigh_shifts
 from ..inference.problem import Solution
 from ..inference.variance_components import list_settings
@@ -63,6 +64,16 @@ def fit_biases(selection: SelectionProblem, fitted: Fitted, rival: Fitted) -> li
             {other: float(np.sqrt(np.mean(np.square(at.z[:, j])))) * selection.spread[other]
              for j, other in enumerate(records.nuisances) if other in selection.spread}))
     return sorted(found, key=lambda one: one.merit)
+
+
+def matches_effects(biases: Sequence[SettingBias], merit: float, effects: Sequence[type[AbstractEffect]]) -> bool:
+    """Whether errors of a setting that predict as well as effects, the best first, leave these unproven.
+
+    No physics is named where such an error does as well. A gauge's own gain is an error of calibration too: it gives way
+    only to one that does better than its `merit`, and else is named with those that look the same.
+    """
+    physics = any(effect.stage != "sensor" for effect in effects)
+    return bool(biases) and (physics or biases[0].merit < merit)
 
 
 def find_bias(selection: SelectionProblem, fitted: Fitted) -> SettingBias | None:

@@ -20,7 +20,7 @@ from ..inference.models import ResolvedModel
 from ..measurement.campaign import Campaign, count_conditions
 from ..measurement.plausibility import check_plausibility
 from ..measurement.units import Uncertainty
-from .bias import SettingBias, find_bias, fit_biases
+from .bias import SettingBias, find_bias, fit_biases, matches_effects
 from .describe import describe_candidates, describe_noise, describe_spread, describe_step, list_loose, make_fit
 from .discovery import Discovery
 from .forward_selection import FittedStep, Path, allow_scatter, allow_wander, extend_path, select_effects
@@ -108,10 +108,7 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     if len(steps) > 1 and selection.holds_out:
         biases = [one for one in fit_biases(selection, steps[0].fitted, steps[-1].fitted) if not one.rejected
                   and not settings.is_beaten(one.difference, one.standard_error)]
-        # A gauge's own gain is an error of calibration too: it is named with those that look the same. No physics is
-        # named where such an error does as well.
-        physics = any(selection.find_effect(effect).stage != "sensor" for effect in steps[-1].fitted.effects)
-        if biases and (physics or biases[0].merit < steps[-1].fitted.merit):
+        if matches_effects(biases, steps[-1].fitted.merit, selection.find_effects(steps[-1].fitted.effects)):
             # Where the effects leave a misfit and the bias none, nothing speaks for them.
             verdict, steps = "nothing-missing" if steps[-1].lack.rejected else "undecided", steps[:1]
     if path.ambiguous and verdict == "nothing-missing":

@@ -298,6 +298,10 @@ class SelectionProblem:
             return bootstrap_p_value(scores, self.noise, self.settings.bootstrap)
         return family_p_value(scores, self.noise)
 
+    def find_effects(self, effects: Sequence[str]) -> list[type[AbstractEffect]]:
+        """Classes of effects by their ids."""
+        return [self.find_effect(effect) for effect in effects]
+
     def find_effect(self, effect_id: str) -> type[AbstractEffect]:
         """Class of an effect by its id."""
         for effect in (*self.known, *self.directions):
