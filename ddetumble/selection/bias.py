@@ -69,8 +69,8 @@ def fit_biases(selection: SelectionProblem, fitted: Fitted, rival: Fitted) -> li
 def matches_effects(biases: Sequence[SettingBias], merit: float, effects: Sequence[type[AbstractEffect]]) -> bool:
     """Whether errors of a setting that predict as well as effects, the best first, leave these unproven.
 
-    No physics is named where such an error does as well. A gauge's own gain is an error of calibration too: it gives way
-    only to one that does better than its `merit`, and else is named with those that look the same.
+    No physics is named where such an error does as well. A gauge's own gain is an error of calibration too: it gives
+    way only to one that does better than its `merit`, and else is named with those that look the same.
     """
     physics = any(effect.stage != "sensor" for effect in effects)
     return bool(biases) and (physics or biases[0].merit < merit)
