@@ -10,7 +10,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 
-FEW, BLOCK = 4096, 1024  # samples that are computed at once; and of more than that, in one block
+BLOCK = 128  # samples that are computed at once
 # Two compiled programs side by side use both of two cores better than one does, whose steps are mostly in sequence.
 # Under jax 0.10 they can wait for each other for ever (seen with two fits of slip campaigns), so there it is one.
 WORKERS = 2 if jax.__version_info__ >= (0, 11) else 1
@@ -59,14 +59,25 @@ def stop(x: Array) -> Array:
 
 
 def map_samples(f: Callable[[Any], Any], x: Any) -> Any:
-    """`jax.vmap(f)(x)`, of many samples block by block: what is only on the way does not grow with their number."""
+    """`jax.vmap(f)(x)`, block by block: what is only on the way does not grow with the number of samples.
+
+    A block whose samples are all alike (padding, or what is read after separation) is computed once.
+    """
     count = jax.tree.leaves(x)[0].shape[0]
-    if count <= FEW:
+    if count <= BLOCK:
         return jax.vmap(f)(x)
     blocks = -(-count // BLOCK)
     filled = jax.tree.map(lambda a: jnp.concatenate([a, jnp.repeat(a[-1:], blocks * BLOCK - count, axis=0)])
                           .reshape(blocks, BLOCK, *a.shape[1:]), x)
-    return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:])[:count], jax.lax.map(jax.vmap(f), filled))
+
+    def once(block):
+        return jax.tree.map(lambda a: jnp.broadcast_to(a, (BLOCK, *a.shape)), f(jax.tree.map(lambda a: a[0], block)))
+
+    def some(block):
+        alike = jnp.all(jnp.stack([jnp.all(a == a[:1]) for a in jax.tree.leaves(block)]))
+        return jax.lax.cond(alike, once, jax.vmap(f), block)
+
+    return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:])[:count], jax.lax.map(some, filled))
 
 
 def is_known(value: Any) -> bool:

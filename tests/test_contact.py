@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from ddetumble._numerics import positive_part, safe_power, safe_sqrt
+from ddetumble._numerics import BLOCK, map_samples, positive_part, safe_power, safe_sqrt
 from ddetumble.contact.damping import damping_number, delivered_restitution, printed_damping, restitution_balance
 from ddetumble.contact.geometry import (
     contact_radius,
@@ -136,6 +136,23 @@ def test_eq6_delivers_another_restitution():
     delivered = delivered_restitution(printed_damping(np.array([0.8, 0.5, 0.999]), 1.0))
     assert [round(float(e), 3) for e in delivered[:2]] == [0.847, 0.725]
     np.testing.assert_allclose(delivered[2], 0.999, atol=1e-5)
+
+
+@pytest.mark.parametrize("count", [1, BLOCK, BLOCK + 1, 5 * BLOCK - 3])
+@pytest.mark.parametrize("padded", [0, 3 * BLOCK])
+def test_samples_in_blocks_are_samples(count, padded):
+    """Blocks, and blocks of samples that are all alike, give what the function gives of each, and its slopes."""
+    x = jnp.linspace(0.0, 2.0, count)
+    x = jnp.concatenate([x, jnp.full(padded, x[-1])])
+
+    def compute(shift, how):
+        return how(lambda a: (jnp.sin(3.0 * a[0]) * a[1], a[0] ** 2 + shift), (x - shift, jnp.exp(x) * shift))
+
+    for derive in (lambda f: f, jax.jacfwd):
+        found, exact = (derive(lambda s, how=how: compute(s, how))(0.3) for how in (
+            map_samples, lambda f, a: jax.vmap(f)(a)))
+        for a, b in zip(found, exact, strict=True):
+            np.testing.assert_allclose(a, b, rtol=1e-13, atol=1e-13)
 
 
 def test_helpers_keep_nan_and_slopes():
