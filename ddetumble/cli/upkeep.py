@@ -1,5 +1,6 @@
 """Commands about the toolkit itself: `exam` puts it to the test, `cache` and `trust` keep what it stores."""
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -7,18 +8,23 @@ import typer
 
 from .._errors import InputError
 from .options import Overwrite, Texts, app, command, option, place, show_examples
-from .places import open_folder
+from .places import locate_campaign, open_folder
 from .progress import show_progress
 
 
 @command("exam", "Run a blind exam of discover on simulated cases, with a scorecard.",
          "exam --family slip --cases 40 --seed 1 -o exam",
          "exam --family impact --cases 200 --truth nothing --noise ar1 -o nulls",
-         "exam --family slip --cases 10 --truth nothing --bench proportional -o bench")
+         "exam --family slip --cases 10 --truth nothing --bench proportional -o bench",
+         "exam --plan my-campaign --cases 40 -o rehearsal",
+         'exam --plan plan.csv --channel "normal_force: 0.1 N" --cases 40 -o rehearsal')
 def sit_exam(
-    family: Annotated[str, option("NAME", "Family of records: impact, slip, oblique or tumble.")],
     cases: Annotated[int, option("N", "Number of cases.", min=1)],
     output: Annotated[Path, place("Folder for cases.jsonl, scorecard.json, report.html.")],
+    family: Annotated[str | None, option("NAME", "Family of records: impact, slip, oblique or tumble.")] = None,
+    plan: Annotated[str | None, option(
+        "CAMPAIGN|PLAN.csv", "Rehearse this campaign, measured or planned (a table as for map), instead: its "
+        "conditions, times, noise and uncertainties.")] = None,
     seed: Annotated[int, option("S", "Seed of everything that is drawn.")] = 0,
     first: Annotated[int, option("N", "Number of the first case.")] = 0,
     truth: Annotated[Texts, option("KIND", "Hide only this: nothing, one, two or outside; may be repeated.")] = None,
@@ -30,8 +36,16 @@ def sit_exam(
         "KIND", "stated: noise and settings are as the campaign says; drawn: they are not, in one or two ways; or one "
         "way: proportional, bursts, uneven-records, tails, coarse, wander, hum, time-stamps, where the family has it "
         "ringing, loose-settings, jitter, biased-setting, biased-gauge.")] = "stated",
-    plan: Annotated[str, option(
+    tests: Annotated[str, option(
         "KIND", "full, or few (with --truth nothing): 3 to 8 tests, often at one pressure, speed or load.")] = "full",
+    model: Annotated[str, option("MODEL", "With --plan: reference model, or the folder of a fit.")] = "paper",
+    effects_from: Annotated[Path | None, option(
+        "FILE.py", "With --plan: effects of your own, hidden and looked for beside the catalogue.")] = None,
+    channel: Annotated[Texts, option("NAME: NOISE UNIT", "With --plan PLAN.csv: as of map.")] = None,
+    uncertainty: Annotated[Texts, option("NAME=VALUE", "With --plan PLAN.csv: as of map.")] = None,
+    value: Annotated[Texts, option("NAME=VALUE UNIT", "With --plan PLAN.csv: as of map.")] = None,
+    length: Annotated[str | None, option("'30 ms'", "With --plan PLAN.csv: length of a record.")] = None,
+    interval: Annotated[str | None, option("'0.1 ms'", "With --plan PLAN.csv: interval between samples.")] = None,
     workers: Annotated[int | None, option("N", "Number of processes; if not given, that of the cores.", min=1)] = None,
     scheduler: Annotated[
         str | None, option("ADDRESS", "Dask scheduler whose workers run the cases (ddetumble[cluster]).")] = None,
@@ -39,30 +53,62 @@ def sit_exam(
     overwrite: Overwrite = False,
 ):
     """Examine discover blind: hidden truths of known strength, simulated by a second implementation. Writes a
-    scorecard; if the command was stopped, the same command continues.
+    scorecard; if the command was stopped, the same command continues. With --plan, rehearse a campaign of your own:
+    what discover would see in it.
     """
     from ..exam.cases import TRUTHS, Exam
 
     if scheduler is not None and workers is not None:
         raise InputError("a scheduler has workers of its own; leave out --workers", option="--scheduler")
-    chosen = TRUTHS
-    if truth:
-        chosen = (*(kind for kind in TRUTHS if kind in truth), *(kind for kind in truth if kind not in TRUTHS))
-    exam = Exam(family, seed, chosen, noise, fault, bench=bench, plan=plan)
+    if (family is None) == (plan is None):
+        raise InputError("name either the family of an exam (--family) or a campaign to rehearse (--plan)")
+    kinds = tuple(truth or ())
+    if plan is None:
+        given = (effects_from, channel, uncertainty, value, length, interval, None if model == "paper" else model)
+        if any(given):
+            raise InputError("--model, --effects-from, --channel, --uncertainty, --value, --length and --interval "
+                             "belong to --plan")
+        chosen = (*(kind for kind in TRUTHS if kind in kinds), *(kind for kind in kinds if kind not in TRUTHS))
+        asked = Exam(str(family), seed, chosen or TRUTHS, noise, fault, bench=bench, tests=tests)
+    else:
+        if (noise, fault, bench, tests) != ("drawn", "drawn", "stated", "full"):
+            raise InputError("--noise, --fault, --bench and --tests belong to --family: a rehearsal has the noise and "
+                             "the tests of its campaign")
+        asked = _read_rehearsal(plan, kinds, seed=seed, model=model, effects_from=effects_from, channels=channel,
+                                uncertainties=uncertainty, values=value, length=length, interval=interval)
     from ..exam.examination import ANSWERS, QUESTIONS, examine
+    from ..exam.rehearsal import rehearse
     from ..exam.scorecard import PAGE, write_scorecard
 
     with (open_folder(output, "exam", overwrite, resumes=(QUESTIONS, ANSWERS, "kept"), progress=ANSWERS) as out,
-          show_progress(f"exam of {family}") as report):
-        rows = examine(exam, range(first, first + cases), out.path, workers=workers, scheduler=scheduler, keep=keep,
-                       progress=report)
-        card = write_scorecard(exam, rows, out.draft)
+          show_progress(asked.title) as report):
+        run = partial(examine, asked) if isinstance(asked, Exam) else partial(rehearse, asked)
+        rows = run(range(first, first + cases), out.path, workers=workers, scheduler=scheduler, keep=keep,
+                   progress=report)
+        card = write_scorecard(asked, rows, out.draft)
     typer.echo(card["sentence"])
     for one in card["failures"][:10]:
         typer.echo(f"- case {one['case']} ({', '.join(one['hidden']) or 'nothing'}): {one['what']}")
     if len(card["failures"]) > 10:
         typer.echo(f"- and {len(card['failures']) - 10} more")
     typer.echo(f"Report: {output / PAGE}")
+
+
+def _read_rehearsal(plan: str, kinds: tuple[str, ...], *, effects_from: Path | None, channels: Texts,
+                    uncertainties: Texts, values: Texts, **more):
+    """The rehearsal that the options mean."""
+    from ..exam.rehearsal import COUNTS, Rehearsal
+
+    path = Path(plan) if plan.lower().endswith(".csv") else locate_campaign(plan)
+    if plan.lower().endswith(".csv"):
+        if not path.is_file():
+            raise InputError("this file does not exist", file=path)
+    elif any((channels, uncertainties, values, more["length"], more["interval"])):
+        raise InputError("a campaign already says what it measures; --channel, --uncertainty, --value, --length "
+                         "and --interval apply to a table of planned tests only", file=path)
+    return Rehearsal(str(path), truths=kinds or tuple(COUNTS), effects_from=effects_from and str(effects_from),
+                     channels=tuple(channels or ()), uncertainties=tuple(uncertainties or ()),
+                     values=tuple(values or ()), **more)
 
 
 @command("trust", "Allow a Python file that a campaign or a model names to be run.", "trust tests/own_kind.py")

@@ -42,7 +42,7 @@ class Exam:
         fault: `none`, `drawn` (one of FAULTS in a quarter of the cases), or one of FAULTS in every case.
         bench: `stated` (noise and settings are as the campaign says), one of BENCHES that the family can show, or
             `drawn`: any of these, in a quarter of the cases two together.
-        plan: `full` (12 tests and more, or three bodies and more), or `few`: 3 to 8 tests, often at one pressure, speed
+        tests: `full` (12 and more, or three bodies and more), or `few`: 3 to 8 tests, often at one pressure, speed
             or load. Few hide nothing: a refit there takes up most effects whole, so that they have no strength.
         edition: of the drawing; the present one of the family's generator where not given.
     """
@@ -54,7 +54,7 @@ class Exam:
     fault: str = "drawn"
     edition: int = 0
     bench: str = "stated"
-    plan: str = "full"
+    tests: str = "full"
 
     def __post_init__(self):
         generator = GENERATORS.get(self.family)
@@ -63,15 +63,15 @@ class Exam:
                                         ("--noise", (self.noise,), (*NOISES, "drawn")),
                                         ("--fault", (self.fault,), ("none", "drawn", *FAULTS)),
                                         ("--bench", (self.bench,), ("stated", "drawn", *suited)),
-                                        ("--plan", (self.plan,), ("full", "few"))):
+                                        ("--tests", (self.tests,), ("full", "few"))):
             for value in values:
                 if value not in allowed:
                     raise InputError(f"{value!r} is none of {', '.join(allowed)}", option=option)
         if not self.truths:
             raise InputError(f"name at least one of {', '.join(TRUTHS)}", option="--truth")
-        if self.plan == "few" and set(self.truths) != {"nothing"}:
+        if self.tests == "few" and set(self.truths) != {"nothing"}:
             raise InputError("few tests can hide nothing, as a refit takes up most effects; add --truth nothing",
-                             option="--plan")
+                             option="--tests")
         if self.seed < 0:
             raise InputError("the seed is a whole number from 0 on", option="--seed")
         object.__setattr__(self, "edition", self.edition or self.generator.edition)
@@ -81,9 +81,32 @@ class Exam:
         """Of its cases."""
         return GENERATORS[self.family]
 
+    @property
+    def title(self) -> str:
+        """What it is an exam of."""
+        return f"Exam of the family {self.family}"
+
+    @property
+    def setting(self) -> str:
+        """How its cases are drawn."""
+        return (f"Drawn from seed {self.seed}: hidden {', '.join(self.truths)}; noise {self.noise}; faults "
+                f"{self.fault}; bench {self.bench}; tests {self.tests}. Strength is the rms over the stated noise that "
+                "a refitted reference model leaves, measured by the simulator that made the records, which shares no "
+                "code with the package.")
+
+    @property
+    def options(self) -> str:
+        """The command line's options that mean it."""
+        text = f"--family {self.family} --seed {self.seed}"
+        text += "".join(f" --truth {kind}" for kind in self.truths if self.truths != TRUTHS)
+        for option, usual in (("noise", "drawn"), ("fault", "drawn"), ("bench", "stated"), ("tests", "full")):
+            value = getattr(self, option)
+            text += f" --{option} {value}" if value != usual else ""
+        return text
+
     def to_dict(self) -> dict[str, Any]:
-        """Its fields as files keep them; `bench` and `plan`, which came later, only where they are not as before."""
-        before = {"bench": "stated", "plan": "full"}
+        """Its fields as files keep them; `bench` and `tests`, which came later, only where they are not as before."""
+        before = {"bench": "stated", "tests": "full"}
         return {name: value for name, value in dc.asdict(self).items() if before.get(name) != value}
 
 
@@ -108,8 +131,8 @@ def start_random(exam: Exam, *more: int) -> np.random.Generator:
     return np.random.default_rng([exam.edition, exam.seed, list(GENERATORS).index(exam.family), *more])
 
 
-def find_kind(exam: Exam, index: int) -> tuple[str, int]:
-    """Kind of a case, and how many cases of that kind come before it."""
+def find_kind(exam: Any, index: int) -> tuple[str, int]:
+    """Kind of a case out of an exam's `truths`, and how many cases of that kind come before it."""
     pattern = [kind for kind in PATTERN if kind in exam.truths]
     rounds, place = divmod(index, len(pattern))
     kind = pattern[place]
@@ -125,7 +148,7 @@ def sample_case(exam: Exam, index: int) -> Case:
     kind, rank = find_kind(exam, index)
     seed = int(random.integers(2**31))
     setting = family.draw_setting(random)
-    if exam.plan == "few":
+    if exam.tests == "few":
         setting = thin_plan(setting, start_random(exam, 6, index))
     # All of it is drawn whatever the exam asks for, so that other options change nothing else about a case.
     drawn = str(random.choice(NOISES))

@@ -19,6 +19,7 @@ import pandas as pd
 from .._display import Progress
 from .._errors import InputError
 from ..inference.files import claim_folder, hold_folder, list_versions, make_plain, write_json, write_whole
+from ..selection.discovery import Discovery
 from .cases import Case, Exam, sample_case, write_case
 from .running import run_all
 from .scoring import describe_failure
@@ -64,9 +65,14 @@ def judge_case(exam: Exam, case: Case, folder: Path) -> dict[str, Any]:
     from ..selection.discover import discover
 
     found = discover(folder / "campaign")
-    first, last = found.steps[0].lack_of_fit, found.steps[-1]
-    truth = name_truth(case.setting["base"], case.effects)
     found.save(folder / "discovery")
+    return mark_discovery(found, name_truth(case.setting["base"], case.effects)) | {
+        "heldout_over_noise": predict_heldout(exam, case, folder / "discovery")}
+
+
+def mark_discovery(found: Discovery, truth: Mapping[str, float]) -> dict[str, Any]:
+    """What a row keeps of a discovery, beside the true parameters by the names that results use."""
+    first, last = found.steps[0].lack_of_fit, found.steps[-1]
     return {
         "verdict": found.verdict, "found": list(found.effects),
         "sets": [[str(s.added), *(str(a["effect"]) for a in s.alternatives)] for s in found.steps[1:]],
@@ -74,7 +80,6 @@ def judge_case(exam: Exam, case: Case, folder: Path) -> dict[str, Any]:
                      last.lack_of_fit.score_p_value],
         "intervals": {name: [truth[name], e.estimate, e.q025, e.q975] for name, e in last.parameters.items()
                       if name in truth},
-        "heldout_over_noise": predict_heldout(exam, case, folder / "discovery"),
         "claimed_over_noise": last.heldout_nrmse / max(found.noise_nrmse, 1e-300), "sentence": found.sentence,
         "records": int(found.counts["records"]),
         "allowed": list(found.allowances),
@@ -106,7 +111,7 @@ def predict_heldout(exam: Exam, case: Case, model: Path) -> float:
     return float(np.sqrt(np.nanmean(np.square(gaps))))
 
 
-def examine(exam: Exam, cases: Sequence[int], folder: Path | str, *, workers: int | None = None,
+def examine(exam: Any, cases: Sequence[int], folder: Path | str, *, workers: int | None = None,
             scheduler: str | None = None, keep: bool = False, progress: Progress | None = None,
             work: Callable[[int], dict[str, Any]] | None = None) -> list[dict[str, Any]]:
     """Run an exam: every case in `cases` that the folder does not hold yet.
@@ -116,7 +121,7 @@ def examine(exam: Exam, cases: Sequence[int], folder: Path | str, *, workers: in
     processes.
 
     Args:
-        exam: what is asked.
+        exam: what is asked: an `Exam`, or another record with its `to_dict()` where `work` is given.
         cases: their numbers.
         folder: for `exam.json` and `cases.jsonl`.
         workers: processes; as many as there are cores if not given.

@@ -10,6 +10,7 @@ from ..figures.style import render_png
 from ..inference.files import list_versions, write_json
 from ..reports.page import Section, Table, draw_picture, write_bytes, write_page
 from .cases import Exam
+from .rehearsal import Rehearsal
 from .scoring import AIMS, SURE_STRENGTH, Row, describe_failure, score
 
 
@@ -42,7 +43,7 @@ SUMMARY = {"false_alarms": "false alarms", "singles_first": "single effects name
            "outside_explained": "outside cases called explained"}
 
 
-def write_scorecard(exam: Exam, rows: Sequence[Row], folder: Path | str) -> dict[str, Any]:
+def write_scorecard(exam: Exam | Rehearsal, rows: Sequence[Row], folder: Path | str) -> dict[str, Any]:
     """Write `scorecard.json`, `report.html`, `README.md` and, of single effects, `power.png` into a folder.
 
     Args:
@@ -58,7 +59,7 @@ def write_scorecard(exam: Exam, rows: Sequence[Row], folder: Path | str) -> dict
                  "noise": row["noise"], "fault": row["fault"], "bench": row.get("bench", ()),
                  "bench_details": row.get("bench_details", {}), "what": what}
                 for row in rows if (what := describe_failure(row))]  # fmt: skip
-    command = f"ddetumble exam {show_options(exam)} --cases {max((r['index'] for r in rows), default=-1) + 1} -o DIR"
+    command = f"ddetumble exam {exam.options} --cases {max((r['index'] for r in rows), default=-1) + 1} -o DIR"
     sentence = "; ".join([f"{marks['cases']} cases", *(
         f"{text} {marks[key].count} of {marks[key].total}" for key, text in SUMMARY.items() if marks[key].total)]) + "."
     sections = describe(exam, command, marks, failures)
@@ -68,15 +69,15 @@ def write_scorecard(exam: Exam, rows: Sequence[Row], folder: Path | str) -> dict
                                draw_power, marks["power"])
         sections[0] = dc.replace(sections[0], figures=(picture,))
         write_bytes(folder / f"{FIGURE}.png", render_png(picture.figure, 110))
-    write_page(f"Exam: {exam.family}", sentence, sections, folder, PAGE)
-    write_bytes(folder / TEXT, format_markdown(f"Exam of the family {exam.family}", sentence, sections).encode())
+    write_page(exam.title, sentence, sections, folder, PAGE)
+    write_bytes(folder / TEXT, format_markdown(exam.title, sentence, sections).encode())
     content = {"exam": exam.to_dict(), "command": command, "sentence": sentence, **marks, "aims": AIMS,
                "failures": failures, "versions": list_versions()}  # fmt: skip
     write_json(folder / CARD, content)
     return content
 
 
-def describe(exam: Exam, command: str, marks: Mapping[str, Any], failures: Sequence[Mapping[str, Any]]
+def describe(exam: Exam | Rehearsal, command: str, marks: Mapping[str, Any], failures: Sequence[Mapping[str, Any]]
              ) -> list[Section]:
     """Sections of the page: shares with their limits, sizes, every effect, intervals, failures."""
     shares = [(what.format(name), share.count, share.total, show_percent(share.share),
@@ -95,22 +96,18 @@ def describe(exam: Exam, command: str, marks: Mapping[str, Any], failures: Seque
     wrong = [(one["case"], ", ".join(f"{n} ({strength:.2g})" for n, strength in one["hidden"].items()) or "nothing",
               f"AR(1) {one['noise']['rho']:.2f}" if one["noise"]["rho"] else "white", one["fault"] or "none",
               " and ".join(one["bench"]) or "stated", one["what"]) for one in failures[:MOST]]  # fmt: skip
-    setting = (f"Drawn from seed {exam.seed}: hidden {', '.join(exam.truths)}; noise {exam.noise}; faults "
-               f"{exam.fault}; bench {exam.bench}; plan {exam.plan}. Strength is the rms over the stated noise that "
-               "a refitted reference model leaves, measured by the simulator that made the records, which shares no "
-               "code with the package.")
     failed = "None."
     if failures:
         more = f" The first {MOST} are listed." if len(failures) > MOST else ""
-        failed = (f"{len(failures)} of {marks['cases']} cases.{more} `ddetumble exam {show_options(exam)} --cases 1 "
+        failed = (f"{len(failures)} of {marks['cases']} cases.{more} `ddetumble exam {exam.options} --cases 1 "
                   f"--first {failures[0]['case']} --keep -o again` makes the first of them again, with its campaign, "
                   "the discovery and the truth.")
     parts = [
-        ("Shares", (f"`{command}`", setting),
+        ("Shares", (f"`{command}`", exam.setting),
          ("what", "cases", "of", "share", "95 % limits", "95 % upper limit", "aim"), shares),
         ("Benches", ("Noise or settings are not as the campaign states. An effect that no test can tell from what the "
                      "bench did, such as a gain where the gauge reads too high, is no false alarm.",),
-         BENCH_HEADER, benches if exam.bench != "stated" else []),
+         BENCH_HEADER, benches if set(marks["by_bench"]) - {"stated"} else []),
         ("Sizes", (), ("what", "median", "90 %", "largest"), sizes),
         ("Effects", ("Seen: said to be missing something; right: the verdict that an honest judge could give.",),
          ("hidden", "cases", "median strength", "seen", "right"), effects),
@@ -133,17 +130,6 @@ def list_benches(marks: Mapping[str, Any]) -> list[tuple[Any, ...]]:
             f"{singles.count} of {singles.total}", show_percent(singles.share) if singles.total else "",
             show_percent(coverage.share) if coverage.total else ""))
     return found
-
-
-def show_options(exam: Exam) -> str:
-    """The command line's options that mean this exam."""
-    text = f"--family {exam.family} --seed {exam.seed}"
-    if exam.truths != Exam(exam.family).truths:
-        text += "".join(f" --truth {kind}" for kind in exam.truths)
-    for option, value, usual in (("noise", exam.noise, "drawn"), ("fault", exam.fault, "drawn"),
-                                 ("bench", exam.bench, "stated"), ("plan", exam.plan, "full")):
-        text += f" --{option} {value}" if value != usual else ""
-    return text
 
 
 def show_percent(value: float) -> str:

@@ -22,6 +22,7 @@ SURE_STRENGTH = 2.0  # from which on singles count for the aim
 # Effects from outside the catalogue that it has come to list since the cases were drawn: what names them is right.
 LISTED_SINCE = {"x-quadratic-drag": "quadratic-drag"}
 BINS = (0.5, 0.71, 1.0, 1.41, 2.0, 2.83, 4.0, 5.66, 8.0)  # of strength
+FAINT_BINS = (0.1, 0.17, 0.29)  # below these, where any effect was so faint
 
 
 @dc.dataclass(frozen=True)
@@ -167,9 +168,11 @@ def score(rows: Sequence[Row]) -> dict[str, Any]:
     intervals["holds"] = (intervals["low"] <= intervals["truth"]) & (intervals["truth"] <= intervals["high"])
     intervals["width"] = (intervals["high"] - intervals["low"]) / intervals["truth"].abs().replace(0.0, np.nan)
     sizes = singles["set_size"].dropna()
-    place = np.minimum(np.searchsorted(BINS, singles["strength"], "right") - 1, len(BINS) - 2)  # 8 is in the last one
+    bins = BINS if (singles["strength"] > 0.97 * BINS[0]).all() else (*FAINT_BINS, *BINS)
+    # What lies on an outer limit, or rounded beyond it, is in the bin beside it.
+    place = np.clip(np.searchsorted(bins, singles["strength"], "right") - 1, 0, len(bins) - 2)
     power = []
-    for k, (low, high) in enumerate(itertools.pairwise(BINS)):
+    for k, (low, high) in enumerate(itertools.pairwise(bins)):
         own = singles[place == k]
         power.append({"low": low, "high": high, "seen": count_share(own["alarm"]),
                       "named": count_share(own["in_set"]), "first": count_share(own["first"])})

@@ -34,6 +34,7 @@ class Signature:
 
     name: str  # of the amplitude
     size: float  # value of its field that would be found; nan where none that physics allows would be
+    length: float  # of what refits leave of it, in standard deviations of the noise
     visible: float  # share of its signature (squared length) that refits leave
     column: np.ndarray  # direction of what is seen, of unit length, shape (rows,)
 
@@ -62,7 +63,7 @@ def find_size(problem: Problem, solution: Solution, origin: np.ndarray, name: st
         if found is None or found[0] <= 0.0:
             return None
         length, visible, column = found
-        tried = Signature(name, null + side * size, visible, column)
+        tried = Signature(name, null + side * size, length, visible, column)
         if abs(length / goal - 1.0) < CLOSE:
             return tried
         power = 1.0
