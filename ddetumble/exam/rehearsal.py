@@ -84,8 +84,8 @@ class Rehearsal:
         return (f"The records are those of {Path(self.plan).name}, as the model {Path(self.model).name!r} has them: "
                 f"its conditions within their uncertainties, its times and its noise. Drawn from seed {self.seed}: "
                 f"hidden {', '.join(self.truths)}. Strength is the rms over the noise that a refitted reference model "
-                "leaves, settings that it moves counted by their uncertainties. The simulator is the model's own: what is wrong with the physics itself shows in measured "
-                "records only.")
+                "leaves, settings that it moves counted by their uncertainties. The simulator is the model's own: what "
+                "is wrong with the physics itself shows in measured records only.")
 
     @property
     def options(self) -> str:
