@@ -4,6 +4,7 @@
     python3 run.py demo                 the whole story on shipped data
     python3 run.py test                 all tests (further arguments go to pytest)
     python3 run.py COMMAND ...          any other command of ddetumble
+    python3 run.py notebook             the notebooks in JupyterLab (further arguments go to it)
     python3 run.py setup                set up only, with what the tests need
     python3 run.py pythons              list the interpreters that would do, best first
 
@@ -29,6 +30,7 @@ OLDEST = (3, 11)
 KNOWN = (3, 14)  # the newest Python for which every pinned version has a wheel
 STAMP = "ddetumble-setup.json"
 WINDOWS = os.name == "nt"
+EXTRAS = {"test": "dev", "setup": "dev", "notebook": "lab"}  # of pyproject.toml, by command
 PLACES = (  # beside the path
     "{PYENV_ROOT}/versions/*/bin/python3",
     "~/.pyenv/versions/*/bin/python3",
@@ -254,6 +256,20 @@ def say(text):
     sys.stderr.flush()
 
 
+def open_notebooks(folder, arguments):
+    """Open the notebooks in JupyterLab, in the environment of a folder; returns its exit code."""
+    python = locate_python(folder)
+    if subprocess.call([python, "-I", "-c", "import jupyterlab"], stderr=subprocess.DEVNULL, env=environment(folder)):
+        raise SetupError(
+            "JupyterLab is not installed in {}; it comes with the extra `lab`: {} -m pip install -e '.[lab]'".format(
+                os.path.basename(folder), os.path.relpath(python, ROOT)
+            )
+        )
+    return subprocess.call(
+        [python, "-m", "jupyterlab"] + arguments, env=environment(folder), cwd=os.path.join(ROOT, "notebooks")
+    )
+
+
 def main(arguments):
     """Understand the command line, set up, and run; returns the exit code."""
     wanted = os.environ.get("DDETUMBLE_PYTHON")
@@ -270,10 +286,12 @@ def main(arguments):
             print("{:8} {}".format(*describe(interpreter)))
         return 0
     testing = arguments[0] == "test"
-    folder = set_up(choose_interpreter(wanted), "dev" if testing or arguments[0] == "setup" else None)
+    folder = set_up(choose_interpreter(wanted), EXTRAS.get(arguments[0]))
     if arguments[0] == "setup":
         return 0
     python = locate_python(folder)
+    if arguments[0] == "notebook":
+        return open_notebooks(folder, arguments[1:])
     if testing:
         command = [python, "-m", "pytest", "-n", str(count_workers()), "--dist", "loadfile",
                    "--no-loadscope-reorder"] + arguments[1:]

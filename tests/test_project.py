@@ -2,6 +2,7 @@
 
 import ast
 import graphlib
+import importlib.util
 import os
 import re
 import subprocess
@@ -333,6 +334,31 @@ def test_launcher_refuses(arguments, says):
     """run.py explains what it cannot do and sets nothing up."""
     done = run("run.py", *arguments)
     assert done.returncode == 2 and says in done.stderr and "Traceback" not in done.stderr
+
+
+def test_launcher_opens_notebooks(monkeypatch, tmp_path):
+    """`run.py notebook` sets JupyterLab up and starts it among the notebooks; where it lacks, it names the extra."""
+    spec = importlib.util.spec_from_file_location("launcher", ROOT / "run.py")
+    launcher = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(launcher)
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert any(text.startswith("jupyterlab") for text in project["optional-dependencies"][launcher.EXTRAS["notebook"]])
+    wanted, calls = [], []
+    monkeypatch.setattr(launcher, "choose_interpreter", lambda wanted: None)
+    monkeypatch.setattr(launcher, "set_up", lambda _, extra: wanted.append(extra) or str(tmp_path / "env"))
+
+    def call(command, **options):
+        calls.append((command[1:], options.get("cwd")))
+        return missing
+
+    monkeypatch.setattr(launcher.subprocess, "call", call)
+    missing = 0
+    assert launcher.main(["notebook", "--no-browser"]) == 0 and wanted == ["lab"]
+    assert calls[-1] == (["-m", "jupyterlab", "--no-browser"], str(ROOT / "notebooks"))
+    missing = 1
+    with pytest.raises(launcher.SetupError, match="the extra `lab`"):
+        launcher.main(["notebook"])
+    assert len(calls) == 3  # nothing was started
 
 
 def test_launcher_speaks_old_python():
