@@ -13,6 +13,7 @@ import pytest
 from scipy.optimize import linprog
 from scipy.stats import norm
 
+import ddetumble as dd
 from ddetumble import Ball, CoulombFriction, find_data
 from ddetumble.cli import main
 from ddetumble.cli.places import locate_fit
@@ -194,6 +195,32 @@ def test_weights_of_weigh_are_taken(tmp_path):
     laws = draw_laws(tmp_path, lambda law: Striker(law.reference, CoulombFriction(0.2)).extend(law.effects), draws=4)
     assert laws.weights == (0.75, 0.25)
     np.testing.assert_allclose(laws.shares(), [0.1875] * 4 + [0.0625] * 4)
+
+
+@pytest.mark.study
+def test_results_in_hand_are_drawn_as_their_folders(tmp_path):
+    """A posterior and an average give the laws that they give once they are written."""
+    campaign = dd.read_campaign(find_data() / "impact-c")
+    fits = [dd.fit(campaign), dd.fit(campaign, effects=["polytropic-gas"])]
+    posterior, average = dd.sample(fits[1], walkers=16, ensembles=2, burn=20, block=20, most=40), dd.average(fits)
+    posterior.save(tmp_path / "posterior")
+    average.save(tmp_path / "average")
+
+    def mount(law):
+        return Striker(law.reference, CoulombFriction(0.2)).extend(law.effects)
+
+    for result, folder in ((posterior, tmp_path / "posterior"), (average, tmp_path / "average")):
+        here, there = (draw_laws(source, mount, draws=400, seed=3) for source in (result, folder))
+        assert here.names == there.names and here.note == there.note
+        np.testing.assert_allclose(here.weights, there.weights, rtol=1e-6)
+        for a, b in zip(jax.tree.leaves(here.best), jax.tree.leaves(there.best), strict=True):
+            np.testing.assert_allclose(a, b, rtol=1e-9)
+        for a, b in zip(jax.tree.leaves(here.draws), jax.tree.leaves(there.draws), strict=True):
+            # Two samples of the same draws: six standard errors of their difference.
+            allowed = 6.0 * np.sqrt(2.0 / 400) * max(np.std(a), np.std(b)) + 1e-12
+            np.testing.assert_allclose(np.mean(a), np.mean(b), atol=allowed)
+    with pytest.raises(dd.InputError):
+        dd.plan(dd.Ball())
 
 
 def test_without_uncertainty_the_plan_stays(planned):

@@ -21,8 +21,10 @@ from ..contact.gripping import StrikeLaw
 from ..inference.archive import AbstractFitted, FittedModel, load, take_fitted
 from ..inference.parameters import ParameterSpace
 from ..posterior.result import FILE as POSTERIOR
+from ..posterior.result import Posterior
 from ..posterior.stacking import FILE as WEIGHTS
-from ..posterior.stacking import list_rivals, name_rival, read_weights
+from ..posterior.stacking import ModelWeights, list_rivals, name_rival, read_weights
+from ..posterior.target import CampaignTarget
 
 
 Tree = TypeVar("Tree")
@@ -113,49 +115,64 @@ def draw_posterior(saved: FittedModel, count: int, seed: int) -> np.ndarray:
     return np.clip(found, *saved.space.bounds())
 
 
-def find_models(folder: Path) -> tuple[list[tuple[str, FittedModel, float]], str]:
-    """Name, model and weight of every model in a folder that `fit`, `sample`, `discover`, `average` wrote, or of a file
-    in it, and a note on the weights.
+Source = str | Path | FittedModel | AbstractFitted | ModelWeights | Posterior
+Named = Sequence[tuple[str, FittedModel, float]]
+
+
+def find_models(source: Source) -> tuple[list[tuple[str, FittedModel, float]], str]:
+    """Name, model and weight of every model in a result, and a note on the weights.
+
+    A discovery has its rivals, an average its own weights; a folder is one that `fit`, `sample`, `discover` or
+    `average` wrote, or a file in it.
 
     Raises:
-        InputError: the folder holds no fit, or a damaged one.
+        InputError: the folder holds no fit, or a damaged one; the posterior is none of a campaign's parameters.
     """
-    folder = folder.parent if folder.suffix == ".json" else folder
-    if (folder / WEIGHTS).is_file():
-        rivals = read_weights(folder)
-        total = sum(weight for *_, weight in rivals)
-        return ([(name, load(place), weight / total) for name, place, weight in rivals],
-                "The models count by the weights that average gave them.")
-    models = [*map(load, list_rivals(folder))]
+    averaged = "The models count by the weights that average gave them."
+    if isinstance(source, ModelWeights):
+        return [(one.name, one.fit.fitted_model(), one.weight) for one in source.rivals if one.weight > 0], averaged
+    if isinstance(source, Posterior):
+        if not isinstance(source.target, CampaignTarget):
+            raise InputError("the posterior is not of a campaign's parameters; a strike needs those of a contact")
+        source = source.target.fit
+    if isinstance(source, AbstractFitted):
+        models = [take_fitted(one) for one in (source, *getattr(source, "rivals", ()))]
+    elif isinstance(source, (str, Path)):
+        folder = Path(source)
+        folder = folder.parent if folder.suffix == ".json" else folder
+        if (folder / WEIGHTS).is_file():
+            rivals = read_weights(folder)
+            total = sum(weight for *_, weight in rivals)
+            return [(name, load(place), weight / total) for name, place, weight in rivals], averaged
+        models = [*map(load, list_rivals(folder))]
+    else:
+        models = [take_fitted(source)]
     note = "" if len(models) == 1 else "The models have no weights (average computes them), so each counts the same."
     return [(name_rival(one.effects), one, 1.0 / len(models)) for one in models], note
 
 
-def draw_laws(source: Path | str | AbstractFitted | Sequence[tuple[str, FittedModel, float]],
-              make: Callable[[Any], StrikeLaw], *, draws: int = 32, seed: int = 0, note: str = "") -> Laws:
+def draw_laws(source: Source | Named, make: Callable[[Any], StrikeLaw], *, draws: int = 32, seed: int = 0,
+              note: str = "") -> Laws:
     """Draw contact laws from the samples of a posterior if there are any, else from the covariance of a fit.
 
     All models are drawn with the same random numbers.
 
     Args:
-        source: what `fit` or `discover` returned (a discovery with its rivals, each counted the same), a folder that
-            `fit`, `sample`, `discover` or `average` wrote, or name, model and weight of each.
+        source: what `fit`, `sample`, `discover` (with its rivals, each counted the same) or `average` returned or
+            wrote, or name, model and weight of each.
         make: turns a fitted law into the law of oblique impacts; traced by JAX.
         draws: of each model.
         seed: of the random numbers.
-        note: where the weights come from; the folder says it itself.
+        note: where the weights come from; a result says it itself.
 
     Raises:
         InputError: the folder holds no fit, or models that extend different references.
     """
-    folder = ""
-    if isinstance(source, (str, Path)):
-        folder, (named, note) = str(source), find_models(Path(source))
-    elif isinstance(source, AbstractFitted):
-        held = [take_fitted(one) for one in (source, *getattr(source, "rivals", ()))]
-        named = [(name_rival(one.effects), one, 1.0 / len(held)) for one in held]
+    folder = str(source) if isinstance(source, (str, Path)) else ""
+    if isinstance(source, Sequence) and not isinstance(source, str):
+        named = source
     else:
-        named = list(source)
+        named, note = find_models(source)
     names, models, weights = zip(*named, strict=True)
     first = models[0].space
     if any(one.space.key[:2] != first.key[:2] for one in models):
@@ -173,9 +190,13 @@ def draw_laws(source: Path | str | AbstractFitted | Sequence[tuple[str, FittedMo
             rows[-1][:, [space.index[name] for name in saved.space.index]] = u
         return build(jnp.asarray(np.concatenate(rows)))
 
-    drawn = [draw_posterior(one, draws, seed) if known
-             else draw_coordinates(one.space, one.u, one.spread(), draws, seed)
-             for one, known in zip(models, sampled, strict=True)]
+    if isinstance(source, Posterior):
+        sampled, drawn = [True], [np.tile(models[0].u, (draws, 1))]
+        drawn[0][:, [models[0].space.index[name] for name in source.target.names]] = source.draw(draws, seed)
+    else:
+        drawn = [draw_posterior(one, draws, seed) if known
+                 else draw_coordinates(one.space, one.u, one.spread(), draws, seed)
+                 for one, known in zip(models, sampled, strict=True)]
     origin = (f"There are {draws} draws{' of each model' if len(models) > 1 else ''} from the "
               f"{'posterior' if all(sampled) else 'covariance'} of the fit.")
     return Laws(place(drawn), place(one.u[None] for one in models), names, tuple(map(float, weights)),

@@ -10,9 +10,8 @@ from .._display import AbstractPrinted, Progress
 from .._errors import InputError
 from .._sentences import say
 from ..contact.gripping import StrikeLaw
-from ..inference.archive import AbstractFitted, FittedModel, take_fitted
 from ..measurement.units import format_time
-from .draws import Laws, draw_laws
+from .draws import Laws, Source, draw_laws, find_models
 from .execution import Spread, try_errors
 from .measured import MeasuredRange, confine, find_measured_ranges, list_ranges, warn_of_extrapolation
 from .prices import Price, price_limits
@@ -127,15 +126,15 @@ class Plan(AbstractPrinted):
         return "\n".join(lines)
 
 
-def plan(problem: StrikeProblem | str | Path, model: AbstractFitted | FittedModel | str | Path | None = None, *,
+def plan(problem: StrikeProblem | Scenario | str | Path, model: Source | None = None, *,
          settings: PlanSettings | None = None, progress: Progress | None = None) -> Plan:
     """Plan where, how fast, how hard and when to strike tumbling debris to reduce its angular momentum $|L|$.
 
     Args:
-        problem: what is struck, allowed and wanted; or a scenario, which says everything else too: its file,
-            or the name of a shipped one.
-        model: a fitted contact, as `fit` or `discover` returned it or in their folder, in place of the problem's own
-            normal force; its uncertainty is drawn.
+        problem: what is struck, allowed and wanted; or a scenario, which says everything else too: in hand (it names
+            others from the present folder on), its file, or the name of a shipped one.
+        model: a fitted contact, as `fit`, `sample`, `discover` or `average` returned it or in their folder, in place of
+            the problem's own normal force; its uncertainty is drawn.
         settings: how impacts are looked for: one or several, one after the other or all together, for the best
             estimate or for the draws.
         progress: called with a sentence and the share done, nan where that is not known.
@@ -150,17 +149,18 @@ def plan(problem: StrikeProblem | str | Path, model: AbstractFitted | FittedMode
     if not isinstance(problem, StrikeProblem):
         if model is not None or settings is not None:
             raise InputError("a scenario states its contact and its settings itself; leave out model and settings")
+        if isinstance(problem, Scenario):
+            return plan_scenario(problem, Path(), progress=progress)
         if not isinstance(problem, (str, Path)):
-            raise InputError("plan takes a StrikeProblem, or a scenario's file or name, not a "
+            raise InputError("plan takes a StrikeProblem, or a scenario, its file or name, not a "
                              f"{type(problem).__name__}")
         path = find_scenario(problem)
         return plan_scenario(read_scenario(path), path.parent, path, progress=progress)
     settings, laws, ranges = settings or PlanSettings(), None, ()
     if model is not None:
-        saved = take_fitted(model)
+        saved, base = max(find_models(model)[0], key=lambda one: one[2])[1], problem.law
         if not saved.space.family.has_contact:
             raise InputError(f"the model is of {saved.family} records; a strike needs one of impacts")
-        source, base = [(saved.model, saved, 1.0)] if isinstance(model, FittedModel) else model, problem.law
 
         def mount(fitted):
             """In place of the problem's own normal force; a law of oblique impacts replaces it all."""
@@ -169,7 +169,7 @@ def plan(problem: StrikeProblem | str | Path, model: AbstractFitted | FittedMode
             striker = dc.replace(base.reference, ball=fitted.reference)
             return striker.extend((*base.friction.effects, *fitted.effects))
 
-        laws = draw_laws(source, mount, draws=settings.draws, seed=settings.seed)
+        laws = draw_laws(model, mount, draws=settings.draws, seed=settings.seed)
         problem = dc.replace(problem, law=laws.main)
         ranges = tuple(list_ranges(saved, saved.campaign))
     return _plan(problem, settings, laws, ranges, progress=progress)
