@@ -47,6 +47,19 @@ def test_friction_coefficient_is_that_of_the_second_implementation(load):
     np.testing.assert_allclose(found, other[:, 0] / load, rtol=1e-9)
 
 
+def test_conditions_broadcast_too():
+    """Loads, pressures and speeds of any shape: each is as by itself."""
+    slip, loads = np.linspace(1e-3, 8e-3, 5), np.array([[5.0], [12.0], [28.0]])
+    found = dd.dynamics.friction_coefficient(dd.RubberFriction(), slip, normal_load=loads, internal_pressure=1e6)
+    alone = [dd.dynamics.friction_coefficient(dd.RubberFriction(), slip, normal_load=load, internal_pressure=1e6)
+             for load in loads.ravel()]
+    np.testing.assert_allclose(found, np.stack(alone), rtol=1e-13)
+    pressures = np.array([0.5e6, 2e6])
+    found = dd.dynamics.normal_force(dd.Ball(), 3e-3, 0.1, approach_speed=0.4, initial_pressure=pressures)
+    alone = [dd.dynamics.normal_force(dd.Ball(), 3e-3, 0.1, approach_speed=0.4, initial_pressure=p) for p in pressures]
+    np.testing.assert_allclose(found, np.stack(alone), rtol=1e-13)
+
+
 @pytest.mark.parametrize(("call", "says"), [
     (lambda: dd.dynamics.normal_force(dd.Ball() + ViscoelasticWall(k_v=10.0, tau=0.1), 1e-3, initial_pressure=1e6),
      "viscoelastic-wall"),
@@ -54,6 +67,7 @@ def test_friction_coefficient_is_that_of_the_second_implementation(load):
     (lambda: dd.dynamics.normal_force(dd.RubberFriction(), 1e-3), "ContactLaw"),
     (lambda: dd.dynamics.friction_coefficient(dd.Ball(), 1e-3, normal_load=5.0), "FrictionLaw"),
     (lambda: dd.dynamics.friction_coefficient(dd.RubberFriction(), 1e-3, normal_load="much"), "normal_load"),
+    (lambda: dd.dynamics.friction_coefficient(dd.RubberFriction(), 1e-3, normal_load=[5.0, 0.0]), "normal_load"),
 ])  # fmt: skip
 def test_what_is_no_such_function_is_refused(call, says):
     with pytest.raises(dd.InputError, match=says):

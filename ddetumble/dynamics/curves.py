@@ -1,12 +1,15 @@
 """The laws as plain functions: normal force over depression and its rate, friction coefficient over slip."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from .._errors import InputError
+from .._numerics import is_known
 from ..contact.law import ContactLaw
 from ..contact.sliding import FrictionLaw, Slide
 from .entry import read_conditions, read_law
@@ -20,13 +23,14 @@ def normal_force(law: Any, depression: Any, depression_rate: Any = 0.0, *, appro
 
     Args:
         law: a reference model such as `Ball()`, with effects or without, or a contact law.
-        depression, depression_rate: $\delta$ [m], and $w$ [m/s], positive while loading; any shapes that broadcast.
+        depression, depression_rate: $\delta$ [m], and $w$ [m/s], positive while loading; these and all others have
+            any shapes that broadcast.
         approach_speed: $v_1$ [m/s], on which the damping $c_n$ depends; where nothing moves it does not matter.
         time: since first touch [s].
         **conditions: whatever else the law reads, SI: `initial_pressure` [Pa, absolute] of a ball.
 
     Returns:
-        The force, in the shape of depression and rate.
+        The force, in the shape of all together.
 
     Raises:
         InputError: The law is none of impacts, a condition is missing, or an effect has a memory, so that the force is
@@ -37,14 +41,15 @@ def normal_force(law: Any, depression: Any, depression_rate: Any = 0.0, *, appro
     if found.stateful():
         raise InputError(f"normal_force: {found.stateful()[0].id} has a state of its own, so that the force depends on "
                          "what was before; simulate_impact follows it")
-    given = read_conditions({"approach_speed": approach_speed, **conditions}, ("approach_speed", *gas), "normal_force")
-    diameter, damping = found.start(given)
+    read = read_conditions({"approach_speed": approach_speed, **conditions}, ("approach_speed", *gas), "normal_force",
+                           batched=True)
 
-    def at(depth, rate, instant):
+    def at(given, depth, rate, instant):
+        diameter, damping = found.start(given)
         contact = found.contact(given, diameter, instant, depth, rate, jnp.zeros(0))
         return found.forces(contact, damping, jnp.zeros(0)).normal
 
-    return _broadcast(at, depression, depression_rate, time)
+    return _broadcast(at, read, depression, depression_rate, time)
 
 
 def friction_coefficient(law: Any, slip: Any, *, normal_load: Any, slip_speed: Any = 0.0, work: Any = 0.0,
@@ -55,34 +60,38 @@ def friction_coefficient(law: Any, slip: Any, *, normal_load: Any, slip_speed: A
 
     Args:
         law: a reference model such as `RubberFriction()`, with effects or without, or a friction law.
-        slip: distance slid since the stroke began, any shape [m].
-        normal_load: $F_n$ [N].
+        slip: distance slid since the stroke began [m]; this and all others have any shapes that broadcast.
+        normal_load: $F_n$ [N], positive.
         slip_speed: [m/s].
-        work: of friction since the record began [J], of any shape that broadcasts; 0 where nothing is warm.
+        work: of friction since the record began [J]; 0 where nothing is warm.
         **conditions: whatever else the law reads, SI: `internal_pressure` [Pa, absolute] of Eq. 8.
 
     Returns:
-        The coefficient, in the shape of slip and work.
+        The coefficient, in the shape of all together.
 
     Raises:
         InputError: The law is none of friction, or a condition is no use.
     """
     found, _ = read_law(law, FrictionLaw, "a FrictionLaw(friction, effects), or a reference model such as "
                         "RubberFriction()", "friction_coefficient")
-    given = read_conditions({"normal_load": normal_load, "slip_speed": slip_speed, **conditions}, ("normal_load",),
-                            "friction_coefficient")
-    load, speed, zero = given["normal_load"], given["slip_speed"], jnp.zeros(())
+    read = read_conditions({"normal_load": normal_load, "slip_speed": slip_speed, **conditions}, ("normal_load",),
+                           "friction_coefficient", batched=True)
+    if is_known(read["normal_load"]) and not np.all(read["normal_load"] > 0):
+        raise InputError("friction_coefficient: normal_load must be positive: without a load there is no ratio to it")
+    zero = jnp.zeros(())
 
-    def at(distance, done):
+    def at(given, distance, done):
+        load, speed = given["normal_load"], given["slip_speed"]
         instant = jnp.where(speed > 0, distance / jnp.where(speed > 0, speed, 1.0), 0.0)
         slide = Slide(distance, speed, load, given.get("internal_pressure", zero), done, instant, zero + 1.0, given)
         return found.force(slide) / load
 
-    return _broadcast(at, slip, work)
+    return _broadcast(at, read, slip, work)
 
 
-def _broadcast(function: Any, *values: Any) -> Array:
-    """A function of scalars at arrays that broadcast."""
-    arrays = jnp.broadcast_arrays(*(jnp.asarray(value, dtype=float) for value in values))
-    found = jax.vmap(function)(*(array.ravel() for array in arrays))
-    return found.reshape(arrays[0].shape)
+def _broadcast(function: Any, conditions: Mapping[str, Array], *values: Any) -> Array:
+    """A function of conditions and scalars at arrays of these that broadcast."""
+    leaves, tree = jax.tree.flatten((dict(conditions), [jnp.asarray(value, dtype=float) for value in values]))
+    whole = jnp.broadcast_arrays(*leaves)
+    given, arrays = jax.tree.unflatten(tree, [array.ravel() for array in whole])
+    return jax.vmap(function)(given, *arrays).reshape(whole[0].shape)

@@ -28,8 +28,10 @@ def read_law(law: Any, kind: type[Law], example: str, verb: str) -> tuple[Law, t
     return found, (("initial_pressure",) if "gas" in found.reference.provides else ())
 
 
-def read_conditions(conditions: Mapping[str, Any], needs: Sequence[str], verb: str) -> dict[str, Array]:
-    """Conditions as scalar arrays; what a free term is laid out by comes along with them as longer ones.
+def read_conditions(conditions: Mapping[str, Any], needs: Sequence[str], verb: str, batched: bool = False
+                    ) -> dict[str, Array]:
+    """Conditions as scalar arrays, of any shape where `batched`; what a free term is laid out by comes along with them
+    as longer ones.
 
     Raises:
         InputError: One that is needed is missing, or one is no number, not scalar, or not finite.
@@ -43,7 +45,7 @@ def read_conditions(conditions: Mapping[str, Any], needs: Sequence[str], verb: s
             array = jnp.asarray(value, dtype=float)
         except (TypeError, ValueError):
             raise InputError(f"{verb}: {name} must be a number in SI units; got {value!r}") from None
-        if array.ndim and not name.startswith(PLAN):
+        if array.ndim and not batched and not name.startswith(PLAN):
             raise InputError(f"{verb}: {name} has shape {array.shape}, but one impact has one value; batch impacts by "
                              "jax.vmap")
         if is_known(array) and not np.all(np.isfinite(array)):
