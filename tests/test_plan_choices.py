@@ -17,12 +17,14 @@ from ddetumble.contact.sliding import CoulombFriction
 from ddetumble.dynamics.bodies import Box, Cylinder, Sphere
 from ddetumble.dynamics.collision import simulate_collision
 from ddetumble.dynamics.surfaces import Debris, make_debris, make_polytope
-from ddetumble.planning.execution import err_problem, try_errors
+from ddetumble.planning.errors import err_problem
+from ddetumble.planning.execution import draw_errors, try_errors
 from ddetumble.planning.prices import price_limits
 from ddetumble.planning.problem import Goal, Limits, StrikeProblem, drift, score
 from ddetumble.planning.rules import compare_rules
 from ddetumble.planning.scenario import ErrorTable, pose_problem, read_scenario
-from ddetumble.planning.single import plan_strike
+from ddetumble.planning.single import compute_impact, compute_slopes, plan_strike
+from ddetumble.planning.uncertainty import find_tail
 
 
 pytestmark = pytest.mark.slow  # one program, compiled first, is in all of them
@@ -167,12 +169,57 @@ def test_errors_that_vanish_change_nothing(held):
     """In the limit of no error every draw leaves what was planned; larger errors leave more on average."""
     problem, plan = held
     tiny, usual = (try_errors(problem, plan, ErrorTable(draws=16, **{
-        name: factor * size for name, size in ErrorTable().model_dump(exclude={"draws"}).items()}))
+        name: factor * size for name, size in ErrorTable().model_dump(exclude={"draws", "plan_for"}).items()}))
         for factor in (1e-6, 1.0))
     for one in tiny:
         np.testing.assert_allclose([one.mean, one.q95], plan.score, atol=1e-5)
         assert one.missed == 0.0 and one.violated == 0.0
     assert usual[-1].error == "all" and usual[-1].mean > plan.score
+
+
+def test_an_erring_impact_has_slopes(held):
+    """No error is the planned impact itself; with one, derivatives by the design agree with central differences."""
+    problem, plan = held
+    face, x = plan.place
+    (none,), (error,) = (draw_errors({name: factor * size for name, size in ErrorTable().sizes().items()}, 1, 2)
+                         for factor in (0.0, 1.0))
+    plain = compute_impact(problem, face, x)
+    np.testing.assert_allclose(compute_impact(problem, face, x, none), plain, rtol=1e-6, atol=1e-8)
+    values, slopes = compute_slopes(problem, face, 0.9 * x, error)
+    assert np.abs(values - compute_impact(problem, face, 0.9 * x)).max() > 1e-3
+    for k in range(len(x)):
+        step = 1e-4 * np.eye(len(x))[k]
+        ahead, behind = (compute_impact(problem, face, 0.9 * x + sign * step, error) for sign in (1, -1))
+        np.testing.assert_allclose(slopes[:, k], (ahead - behind) / 2e-4, rtol=2e-3, atol=2e-3 * np.abs(slopes).max())
+
+
+@pytest.mark.slow
+def test_a_plan_for_errors_keeps_its_limits_under_others(tmp_path):
+    """Limits hold in the mean of their worst tenth of errors that the plan has not seen, where the plain plan, at its
+    limits, passes some in about half of them; the price is some momentum if all goes well."""
+    text = SCENARIO + "[arm]\nspeed = 0.3\n[limits]\nforce = 400.0\n[errors]\ndraws = 64\n"
+    found = {}
+    for kind in ("best", "tail"):
+        (tmp_path / f"{kind}.toml").write_text(text + f"plan_for = '{kind}'\n")
+        found[kind] = dd.plan(tmp_path / f"{kind}.toml")
+    problem = found["best"].problem
+    others = draw_errors(ErrorTable().sizes(), 128, 77)
+    values = {kind: np.stack([compute_impact(problem, *one.impacts[0].place, error) for error in others])
+              for kind, one in found.items()}
+    weights = np.full(128, 1.0 / 128)
+    worst = {kind: max(find_tail(-column, weights, 0.1) for column in own[:, 1:].T) for kind, own in values.items()}
+    assert worst["best"] > 0.02 and worst["tail"] < 0.3 * worst["best"]
+    tails = {kind: find_tail(own[:, 0], weights, 0.1) for kind, own in values.items()}
+    planned = {kind: compute_impact(problem, *one.impacts[0].place)[0] for kind, one in found.items()}
+    assert planned["tail"] > planned["best"] and tails["tail"] >= planned["tail"]
+    assert found["tail"].impacts[0].allowed
+
+
+@pytest.mark.parametrize("text", ["plan_for = 'luck'", "plan_for = 'mean'\n[uncertainty]\nplan_for = 'tail'",
+                                  "plan_for = 'tail'\n[goal]\nleast = 'impulse'"])
+def test_what_contradicts_itself_is_refused(tmp_path, text):
+    with pytest.raises(dd.InputError):
+        read(tmp_path, SCENARIO + "[errors]\n" + text + "\n")
 
 
 def test_a_goal_of_ones_own(tmp_path):

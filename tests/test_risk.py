@@ -235,7 +235,7 @@ def test_without_uncertainty_the_plan_stays(planned):
 def test_slopes_of_the_tail_are_those_of_differences(planned):
     """What is planned for and the tail means of all constraints, through every draw."""
     problem, plan = planned
-    search = RobustProblem(problem, 0, vary_law(LAW, STATED, draws=5), "tail", 0.4)
+    search = RobustProblem(problem, 0, vary_law(LAW, STATED, draws=5), (), "tail", 0.4)
     x = plan.x + np.array([0.02, -0.03, 0.05, 0.04, -0.02, 0.1, 0.01])
     slopes = search.slopes(x)
     for k, step in enumerate(1e-4 * np.eye(7)):

@@ -3,7 +3,7 @@
 `evaluate` gives all numbers of a design at once: what is wanted small, and its constraints.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import diffrax as dfx
@@ -16,6 +16,7 @@ from jaxtyping import Array
 from .._rotation import from_rotation_vector, multiply, rotate, rotate_back
 from ..contact.gripping import find_height
 from ..dynamics.collision import Collision
+from .errors import err
 from .problem import Design, StrikeProblem, read_design, score, strike_debris
 
 
@@ -103,9 +104,10 @@ def judge(problem: StrikeProblem, design: Design, after: Parting | Collision) ->
 
 
 @eqx.filter_jit
-def evaluate_slopes(problem: StrikeProblem, face: Array, x: Array) -> tuple[Array, Array]:
+def evaluate_slopes(problem: StrikeProblem, face: Array, x: Array, error: Mapping[str, Array] | None = None
+                    ) -> tuple[Array, Array]:
     """As `evaluate`, with derivatives by the seven variables, shapes (1 + constraints,), (1 + constraints, 7)."""
-    return with_slopes(lambda x: evaluate(problem, face, x, dfx.ForwardMode()), x)
+    return with_slopes(lambda x: evaluate(problem, face, x, dfx.ForwardMode(), error), x)
 
 
 def with_slopes(function: Callable[[Array], Array], x: Array) -> tuple[Array, Array]:
@@ -115,9 +117,14 @@ def with_slopes(function: Callable[[Array], Array], x: Array) -> tuple[Array, Ar
 
 
 @eqx.filter_jit
-def evaluate(problem: StrikeProblem, face: Array, x: Array, adjoint: dfx.AbstractAdjoint | None = None) -> Array:
-    """What is wanted small and all constraints of one design, shape (1 + constraints,)."""
+def evaluate(problem: StrikeProblem, face: Array, x: Array, adjoint: dfx.AbstractAdjoint | None = None,
+             error: Mapping[str, Array] | None = None) -> Array:
+    """What is wanted small and all constraints of one design, shape (1 + constraints,); with an `error` (see
+    `ddetumble.planning.errors.err`), of the impact that happens in its place.
+    """
     design = read_design(problem, face, x)
+    if error is not None:
+        problem, design, _ = err(problem, design, error)
     collision = strike_debris(problem, design, adjoint)
     kept = judge(problem, design, collision)
     values = jnp.stack([score(problem, collision.angular_velocity), *kept])

@@ -1,8 +1,4 @@
-"""What errors of the arm, and of the estimate of the motion, make of a planned impact.
-
-The arm follows its plan in inertial space; the body is not quite where, and does not quite turn as, was thought. What
-the ball then meets is the nearest place of the true body's surface.
-"""
+"""What errors of the arm, and of the estimate of the motion, make of a planned impact."""
 
 import dataclasses as dc
 from collections.abc import Mapping
@@ -12,21 +8,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from .._numerics import safe_sqrt
-from .._rotation import from_rotation_vector, multiply, rotate, rotate_back
-from ..dynamics.surfaces import OffsetSurface
-from .draws import split_batch
-from .problem import Design, StrikeProblem, drift, measure_share, strike_debris
+from .._rotation import rotate
+from .draws import draw_normals, split_batch
+from .errors import NAMES, err
+from .problem import Design, StrikeProblem, measure_share, strike_debris
 from .scenario import ErrorTable
 from .single import StrikePlan
 
 
 PASSED = 0.05  # of force or depression, by which an erring impact may pass the limit before that is called so
-NAMES = {
-    "instant": "the instant", "place": "the place", "direction": "the direction", "speed": "the arm's speed",
-    "rates": "the angular velocity", "attitude": "the attitude", "inertia": "the moments of inertia",
-    "centre": "the centre of mass",
-}  # fmt: skip
 
 
 @dc.dataclass(frozen=True)
@@ -40,6 +30,15 @@ class Spread:
     missed: float  # share of the draws in which the ball meets no surface, or an edge of it
     violated: float  # share of the draws in which force, depression or another limit of the contact is passed
     drift: tuple[float, float]  # speed that the blow gives the body, mean and standard deviation [m/s]
+
+
+def draw_errors(sizes: Mapping[str, float], count: int, seed: int) -> list[dict[str, Array]]:
+    """Draws of all errors, three numbers each by name, from their standard deviations; a centre of mass that is known
+    has none, so that the surface stays as it is.
+    """
+    names = [name for name in NAMES if sizes.get(name, 0.0) > 0.0 or name != "centre"]
+    drawn = draw_normals(count, 3 * len(names), seed).reshape(count, len(names), 3)
+    return [{name: jnp.asarray(sizes.get(name, 0.0) * row[k]) for k, name in enumerate(names)} for row in drawn]
 
 
 def try_errors(problem: StrikeProblem, plan: StrikePlan, errors: ErrorTable, seed: int = 0) -> tuple[Spread, ...]:
@@ -62,25 +61,7 @@ def try_errors(problem: StrikeProblem, plan: StrikePlan, errors: ErrorTable, see
                  for name, share, missed, violated, drifted in zip((*sizes, "all"), *columns, strict=True))
 
 
-@eqx.filter_jit
-def _err_all(problem: StrikeProblem, design: Design, errors: Mapping[str, Array]
-             ) -> tuple[StrikeProblem, Design, Array]:
-    """True problem, design, and distance of first touch from an edge [m], all with a first axis of draws; errors are
-    three numbers a draw by name, of which some need fewer, SI or as a fraction, shapes (draws, 3).
-    """
-    def one(error: Mapping[str, Array]) -> tuple[StrikeProblem, Design, Array]:
-        true = err_problem(problem, error)
-        instant = design.instant + error["instant"][0]
-        attitude, rates = drift(true, instant)
-        arrival = rotate_back(attitude, rotate(design.attitude, design.point) + error["place"])
-        foot = true.debris.surface.find_foot(arrival)
-        turn = jnp.cross(error["direction"], design.velocity) / safe_sqrt(jnp.sum(design.velocity**2))
-        velocity = (1.0 + error["speed"][0]) * rotate(from_rotation_vector(turn), design.velocity)
-        met = Design(design.face, arrival - foot.distance * foot.normal, velocity, design.pressure, instant, attitude,
-                     rates, rotate(attitude, foot.normal))
-        return true, met, foot.margin
-
-    return eqx.filter_vmap(one)(errors)
+_err_all = eqx.filter_jit(eqx.filter_vmap(err, in_axes=(None, None, 0)))
 
 
 def _strike_wrongly(true: StrikeProblem, met: Design, margin: Array) -> tuple[float, bool, bool, float]:
@@ -95,25 +76,3 @@ def _strike_wrongly(true: StrikeProblem, met: Design, margin: Array) -> tuple[fl
     violated = (float(after.peak_force) > (1.0 + PASSED) * float(limits.force) or float(after.margin) < 0.0
                 or float(after.peak_depression) > (1.0 + PASSED) * float(limits.depression))
     return measure_share(true, after.angular_velocity), False, violated, float(np.linalg.norm(after.velocity))
-
-
-def err_problem(problem: StrikeProblem, error: Mapping[str, Array]) -> StrikeProblem:
-    """The problem with another state at time 0 and another body, of errors by name, shapes (3,).
-
-    `rates`: change of the angular velocity over its size. `attitude`: rotation vector, body components [rad].
-    `inertia`: change of each principal moment as a fraction; of a body of revolution of its own two. `centre`: shift of
-    the centre of mass, body components [m]; none where there is no such name.
-    """
-    debris, part = problem.debris, error["inertia"]
-    if problem.symmetric:
-        tensor = debris.inertia * jnp.diag(1.0 + part[jnp.array([0, 0, 2])])
-    else:
-        moments, axes = jnp.linalg.eigh(debris.inertia)
-        tensor = (axes * (moments * (1.0 + part))) @ axes.T
-    debris = eqx.tree_at(lambda d: d.inertia, debris, tensor)
-    if "centre" in error:
-        debris = eqx.tree_at(lambda d: d.surface, debris, OffsetSurface(debris.surface, error["centre"]))
-    size = jnp.linalg.norm(problem.angular_velocity)
-    rates = problem.angular_velocity + size * error["rates"]
-    attitude = multiply(problem.attitude, from_rotation_vector(error["attitude"]))
-    return eqx.tree_at(lambda p: (p.debris, p.angular_velocity, p.attitude), problem, (debris, rates, attitude))

@@ -12,7 +12,7 @@ from .._sentences import say
 from ..contact.gripping import StrikeLaw
 from ..measurement.units import format_time
 from .draws import Laws, Source, draw_laws, find_models
-from .execution import Spread, try_errors
+from .execution import Spread, draw_errors, try_errors
 from .measured import MeasuredRange, confine, find_measured_ranges, list_ranges, warn_of_extrapolation
 from .prices import Price, price_limits
 from .problem import StrikeProblem
@@ -46,7 +46,7 @@ class PlanSettings:
         seed: of the places where the search starts, and of the draws.
         within: `measured` where the plan has to stay within what the contact was fitted to; what that costs is told.
         errors: standard deviations of what arm and estimate of the motion get wrong, with which the first impact is
-            tried.
+            tried, and for which it is planned where they say so.
         chaser_mass: mass of the chaser, whose recoil is then told [kg].
     """
 
@@ -202,9 +202,12 @@ def _plan(problem: StrikeProblem, settings: PlanSettings, laws: Laws | None, ran
           progress: Progress | None) -> Plan:
     tell, how = progress or (lambda text, share: None), settings
 
-    revise = None
-    if laws is not None and how.plan_for != "best":
-        revise = partial(plan_robust_strike, laws=laws, aim=how.plan_for, tail=how.tail)
+    revise, own = None, None if how.plan_for == "best" else laws
+    aim = how.errors.plan_for if own is None else how.plan_for
+    if aim != "best":
+        count = how.errors.draws if own is None else len(own.shares())
+        errors = draw_errors(how.errors.sizes(), count, how.seed) if how.errors.plan_for != "best" else []
+        revise = partial(plan_robust_strike, laws=own, errors=errors, aim=aim, tail=how.tail)
     search = partial(plan_together, share=how.share, most=how.impacts, aim=how.least, starts=how.starts, seed=how.seed,
                      revise=revise, progress=progress)
     wide, problem = (problem, confine(problem, ranges)) if how.within else (None, problem)

@@ -1,6 +1,7 @@
-r"""One impact planned for many contact laws at once: for the mean over them, or for the worst of them.
+r"""One impact planned for many contact laws, and many errors of arm and body, at once: for the mean over them, or for
+the worst of them.
 
-With laws of weights $w_i$, what is wanted small comes out as $s_i$. Planned is for the mean $\sum w_i s_i$ or for the
+With draws of weights $w_i$, what is wanted small comes out as $s_i$. Planned is for the mean $\sum w_i s_i$ or for the
 mean of the worst share $\alpha$, the conditional value at risk (Rockafellar and Uryasev 2000),
 
 $\mathrm{CVaR}_\alpha = \max_q \sum q_i s_i$ over $0 \le q_i \le w_i/\alpha$, $\sum q_i = 1$.
@@ -8,18 +9,36 @@ $\mathrm{CVaR}_\alpha = \max_q \sum q_i s_i$ over $0 \le q_i \le w_i/\alpha$, $\
 The draws stay the same throughout, so that plans differ by what they do and not by chance.
 """
 
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from .draws import Laws
+from .errors import err
 from .multistart import find_bounds
 from .problem import StrikeProblem
-from .single import LOST, StrikePlan, Tally, certify, compute_slopes, descend, make_plan, remember
-from .uncertainty import evaluate_draws, pose_draws
+from .single import (
+    LOST,
+    StrikePlan,
+    Tally,
+    certify,
+    compute_impact,
+    compute_slopes,
+    descend,
+    make_plan,
+    refine,
+    remember,
+)
+from .uncertainty import pose_draws
 
 
 Aim = Literal["mean", "tail"]
+Errors = Sequence[Mapping[str, Array]]
 WIDTH = 1e-4  # smoothing of the tail of what is wanted [-]: larger biases the tail, smaller is too sharp for a descent
 NARROW = 1e-5  # and of the constraints, finer, as a limit is not to be passed by the smoothing
 KEPT = 3e-4  # by which the tail mean of a scaled constraint may be missed: what the smoothing itself leaves
@@ -60,13 +79,20 @@ class RobustProblem:
     """What is planned for, and the constraints, each a mean over the draws or over their worst share; see
     `plan_robust_strike`.
 
-    The laws share the program of a single impact, called once a draw: on two cores 32 draws with derivatives take 0.24
-    s so, and 0.58 s in a program of their own under `vmap`, which integrates all as long as the longest.
+    Every draw is a law of the contact, an error of arm and body, or one of each. They share the program of a single
+    impact, called once a draw: on two cores 32 laws with derivatives take 0.24 s so, and 0.58 s in a program of their
+    own under `vmap`, which integrates all as long as the longest.
     """
 
-    def __init__(self, problem: StrikeProblem, face: int, laws: Laws, aim: Aim, tail: float):
-        self.problems, self.face, self.tally = pose_draws(problem, laws.draws), face, Tally()
-        self.weights, self.shares = laws.shares(), (tail if aim == "tail" else 1.0, tail)
+    def __init__(self, problem: StrikeProblem, face: int, laws: Laws | None, errors: Errors, aim: Aim, tail: float):
+        problems = [problem] * len(errors) if laws is None else pose_draws(problem, laws.draws)
+        self.draws = list(zip(problems, errors or [None] * len(problems), strict=True))
+        self.weights = np.full(len(problems), 1.0 / len(problems)) if laws is None else laws.shares()
+        self.face, self.tally, self.shares = face, Tally(), (tail if aim == "tail" else 1.0, tail)
+
+    def evaluate(self, x: np.ndarray) -> np.ndarray:
+        """What is wanted small and all constraints of every draw, shape (draws, 1 + constraints)."""
+        return np.stack([compute_impact(one, self.face, x, error) for one, error in self.draws])
 
     def judge(self, drawn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Objective and constraints, shape (1 + constraints,), of values under every law, and the draws' shares in
@@ -78,29 +104,32 @@ class RobustProblem:
 
     def values(self, x: np.ndarray) -> np.ndarray:
         """Objective and constraints, shape (1 + constraints,)."""
-        self.tally.values += len(self.problems)
-        return self.judge(evaluate_draws(self.problems, self.face, x))[0]
+        self.tally.values += len(self.draws)
+        return self.judge(self.evaluate(x))[0]
 
     def slopes(self, x: np.ndarray) -> np.ndarray:
         """Their derivatives by the seven variables, shape (1 + constraints, 7)."""
-        self.tally.slopes += len(self.problems)
-        drawn, slopes = map(np.stack, zip(*(compute_slopes(one, self.face, x) for one in self.problems), strict=True))
+        self.tally.slopes += len(self.draws)
+        drawn, slopes = map(np.stack, zip(*(compute_slopes(one, self.face, x, error) for one, error in self.draws),
+                                          strict=True))
         return np.einsum("dc,dcv->cv", self.judge(drawn)[1], slopes)
 
     def wanted(self, x: np.ndarray) -> float:
         """The objective alone, not counted; NaN where a draw cannot be integrated."""
-        drawn = evaluate_draws(self.problems, self.face, x)
+        drawn = self.evaluate(x)
         return np.nan if drawn[:, 0].max() >= LOST else float(self.judge(drawn)[0][0])
 
 
-def plan_robust_strike(problem: StrikeProblem, plan: StrikePlan, laws: Laws, *, aim: Aim = "tail", tail: float = 0.1
-                       ) -> StrikePlan:
-    """Change a plan for the best estimate into one, on the same face, for all draws of the contact law.
+def plan_robust_strike(problem: StrikeProblem, plan: StrikePlan, laws: Laws | None, *, errors: Errors = (),
+                       aim: Aim = "tail", tail: float = 0.1) -> StrikePlan:
+    """Change a plan for the best estimate into one, on the same face, for all draws of the contact law, of errors of
+    arm and body, or of both.
 
     Args:
         problem: what is given, allowed and wanted; its own law is the best estimate.
         plan: for the best estimate.
-        laws: that may be true.
+        laws: that may be true; None where the contact is known.
+        errors: of `draw_errors`; none, or one for every law.
         aim: whether the mean over the draws or that of their worst share is made small.
         tail: that share; every constraint has to hold in the mean of its own worst share of the draws.
 
@@ -109,7 +138,7 @@ def plan_robust_strike(problem: StrikeProblem, plan: StrikePlan, laws: Laws, *, 
         certificate is that of this problem; `design` and `collision` are those under the best estimate.
     """
     face, first = plan.place
-    robust, bounds = RobustProblem(problem, face, laws, aim, tail), find_bounds(problem, face)
+    robust, bounds = RobustProblem(problem, face, laws, errors, aim, tail), find_bounds(problem, face)
     values, slopes = remember(robust.values), remember(robust.slopes)
 
     def order(x):
@@ -117,7 +146,21 @@ def plan_robust_strike(problem: StrikeProblem, plan: StrikePlan, laws: Laws, *, 
         short = float(value[1:].min())
         return (short < -KEPT, -short if short < -KEPT else float(value[0]))
 
-    x = min([descend(values, slopes, first, bounds, STEPS), np.asarray(first)], key=order)
+    starts = [np.asarray(first)]
+    if errors:  # from an edge, whatever the ball misses tells a descent nothing
+        starts.append(refine(_step_back(problem, plan, errors), face, first, robust.tally)[0])
+    x = min([*(descend(values, slopes, one, bounds, STEPS) for one in starts), *starts], key=order)
     value = values(x)
     [certificate] = certify(robust.wanted, value, slopes(x), bounds, x)
     return make_plan(problem, face, x, certificate, robust.tally, value, KEPT)
+
+
+def _step_back(problem: StrikeProblem, plan: StrikePlan, errors: Errors) -> StrikeProblem:
+    """The problem with as much more distance from edges, and as much less speed, as a plan's largest errors take."""
+    design = jax.tree.map(jnp.asarray, plan.design)
+    met = [err(problem, design, one)[1] for one in errors]
+    reach = max(float(jnp.linalg.norm(one.point - design.point)) for one in met)
+    faster = max(float(jnp.linalg.norm(one.velocity) / jnp.linalg.norm(design.velocity)) for one in met)
+    limits = problem.limits
+    return eqx.tree_at(lambda p: (p.limits.edge, p.limits.speed), problem,
+                       (limits.edge + reach, limits.speed / max(faster, 1.0)))

@@ -239,11 +239,15 @@ class ErrorTable(_Strict):
     inertia: NotNegative = Field(default=0.02, description="of each principal moment of inertia, as a fraction of it.")
     centre: Distance = Field(default=0.0, description="of the centre of mass, along each axis [m].")
     draws: Annotated[StrictInt, Field(ge=8, le=4096)] = Field(default=64, description="number of draws.")
+    plan_for: Literal["best", "mean", "tail"] = Field(
+        default="best", description="what is minimised: the value if all goes as planned, the mean over draws of these "
+        "errors, or the mean over their worst share, `uncertainty.tail`. Every limit then has to hold in the mean of "
+        "its own worst share. With `uncertainty.plan_for` the same, contact and errors are drawn together.")
 
     def sizes(self) -> dict[str, float]:
         """The deviations by what is wrong, in SI or as a fraction."""
         return {name.removesuffix("_degrees"): float(np.radians(size) if name.endswith("_degrees") else size)
-                for name, size in self.model_dump(exclude={"draws"}).items()}
+                for name, size in self.model_dump(exclude={"draws", "plan_for"}).items()}
 
 
 class SpreadTable(_Strict):
@@ -302,9 +306,13 @@ class Scenario(_Strict):
 
     @pydantic.model_validator(mode="after")
     def _check(self):
-        if self.uncertainty is not None and self.uncertainty.plan_for != "best" and self.goal.least != "impacts":
-            raise ValueError("goal.least must be 'impacts' if uncertainty.plan_for is the mean or the tail, because "
-                             "such plans are made one impact after the other")
+        wanted = {self.errors.plan_for, "best" if self.uncertainty is None else self.uncertainty.plan_for} - {"best"}
+        if wanted and self.goal.least != "impacts":
+            raise ValueError("goal.least must be 'impacts' if plan_for is the mean or the tail, because such plans are "
+                             "made one impact after the other")
+        if len(wanted) > 1:
+            raise ValueError("uncertainty.plan_for and errors.plan_for must be the same if both are the mean or the "
+                             "tail")
         return self
 
 

@@ -3,11 +3,12 @@ how well.
 """
 
 import dataclasses as dc
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 from scipy.optimize import minimize, nnls
 
 from .._errors import ComputationError
@@ -127,15 +128,17 @@ def descend(values: Callable[[np.ndarray], np.ndarray], slopes: Callable[[np.nda
     return np.clip(found.x, *bounds.T)
 
 
-def compute_impact(problem: StrikeProblem, face: int, x: np.ndarray) -> np.ndarray:
+def compute_impact(problem: StrikeProblem, face: int, x: np.ndarray, error: Mapping[str, Array] | None = None
+                   ) -> np.ndarray:
     """Score and constraints of a design, shape (1 + constraints,); `LOST` and not allowed where there are none."""
-    found = np.asarray(evaluate(problem, jnp.asarray(face), jnp.asarray(x)))
+    found = np.asarray(evaluate(problem, jnp.asarray(face), jnp.asarray(x), error=error))
     return found if np.isfinite(found).all() else np.array([LOST] + [-1.0] * (found.size - 1))
 
 
-def compute_slopes(problem: StrikeProblem, face: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def compute_slopes(problem: StrikeProblem, face: int, x: np.ndarray, error: Mapping[str, Array] | None = None
+                   ) -> tuple[np.ndarray, np.ndarray]:
     """The same with derivatives by the variables, the second shape (1 + constraints, 7), zero where they are none."""
-    found, slopes = (np.asarray(one) for one in evaluate_slopes(problem, jnp.asarray(face), jnp.asarray(x)))
+    found, slopes = (np.asarray(one) for one in evaluate_slopes(problem, jnp.asarray(face), jnp.asarray(x), error))
     found = found if np.isfinite(found).all() else np.array([LOST] + [-1.0] * (found.size - 1))
     return found, np.nan_to_num(slopes)
 

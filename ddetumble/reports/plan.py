@@ -18,7 +18,7 @@ from ..dynamics.surfaces import AbstractSurface, CylinderSurface, OffsetSurface,
 from ..figures.planning import draw_contacts, draw_motion, draw_outlook, draw_prospect
 from ..inference.files import write_json
 from ..measurement.units import choose_time_unit
-from ..planning.execution import NAMES
+from ..planning.errors import NAMES
 from ..planning.measured import Extrapolation, format_extrapolation, list_extrapolations
 from ..planning.plan import Plan, find_end
 from ..planning.problem import StrikeProblem, list_faces, measure_share
@@ -170,7 +170,7 @@ def write_plan(plan: Plan, folder) -> Path:
         "impacts": impacts,
         "prices": [{"impact": k, **dc.asdict(price)} for k, prices in enumerate(plan.prices, 1) for price in prices],
         "rules": plan.rules,
-        "errors": plan.spreads,
+        "errors": plan.spreads, "plan_for_errors": settings.errors.plan_for,
         "refused": None if best is None else {
             "face": best.face, "score": best.score, "untouched": best.untouched, "allowed": best.allowed,
             "estimate": best.estimate, "missed": best.missed,
@@ -297,6 +297,7 @@ def _show_errors(plan: Plan) -> Section:
     told = [f"The first impact leaves {100 * own:.2f} % if all goes as planned. Each error below is drawn "
             f"{plan.settings.errors.draws} times with its standard deviation ([errors] in the scenario); a ball that "
             "misses, or meets an edge, leaves all of the momentum.",
+            *([] if plan.settings.errors.plan_for == "best" else [WORDS[plan.settings.errors.plan_for]]),
             f"The blow gives the body {1e3 * speed:.3g} mm/s of drift as planned, {1e3 * drift:.3g} ± "
             f"{1e3 * spread:.2g} mm/s over all draws."]
     if plan.settings.chaser_mass:
