@@ -11,7 +11,7 @@ import platform
 from collections.abc import Callable, Iterator, Mapping
 from importlib import metadata
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar, get_args
 
 import filelock
 import numpy as np
@@ -19,6 +19,7 @@ import pydantic
 
 from .._display import AbstractPrinted
 from .._errors import InputError
+from ..measurement.tables import read_toml
 
 
 PACKAGES = ("ddetumble", "jax", "diffrax", "equinox", "optimistix", "numpy", "scipy")
@@ -26,7 +27,7 @@ Content = TypeVar("Content", bound=pydantic.BaseModel)
 
 
 class Strict(pydantic.BaseModel):
-    """A part of a file, which holds its fields and nothing else."""
+    """A part of a file, which holds its fields and nothing else, and numbers that are finite."""
 
     model_config = pydantic.ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
 
@@ -126,6 +127,47 @@ def read_json(path: Path, schema: str, kind: type[Content], again: str) -> Conte
         reason = first["msg"].removeprefix("Value error, ")
         raise InputError(f"the file is damaged: {reason[:1].lower()}{reason[1:]}; {again}", file=path,
                          key=".".join(str(part) for part in first["loc"]) or None) from None
+
+
+def read_settings(path: Path, kind: type[Content], arrange: Callable[[dict], dict] = dict,
+                  sections: Mapping[str, str] | None = None) -> Content:
+    """Content of a TOML file of settings, of a `kind` whose field `schema_` states the schema; `arrange` puts what was
+    read into its form. `sections` are tables whose keys are names that a user chooses, with what has to stand there.
+
+    Raises:
+        InputError: It is not there, no TOML, or says something that is not understood; all faults, each with its key.
+    """
+    content, sections = read_toml(path), sections or {}
+    (schema,) = get_args(kind.model_fields["schema_"].annotation)
+    if content.get("schema") != schema:
+        raise InputError(f"the schema must be {schema!r}; it is {content.get('schema')!r}", file=path, key="schema")
+    try:
+        return kind.model_validate(arrange(content))
+    except pydantic.ValidationError as error:
+        faults: dict[str, str] = {}
+        for fault in sorted(error.errors(), key=lambda one: one["type"] != "extra_forbidden"):  # why others are missing
+            place, message = fault["loc"], fault["msg"].removeprefix("Value error, ")
+            section = bool(place) and place[0] in sections
+            if fault["type"] == "extra_forbidden":
+                message = f"this is not a key here; the keys are {', '.join(_list_keys(kind, place[:-1]))}"
+            elif fault["type"] == "missing":
+                message = "is missing"
+            elif section:
+                message = sections[str(place[0])]
+            key = ".".join(str(part) for part in place[:2 if section else None] if part not in ("float", "int"))
+            faults.setdefault(key, f"{message[:1].lower()}{message[1:200]}")
+        (key, problem), *others = faults.items()
+        raise InputError("; ".join((problem, *map(": ".join, others))), file=path, key=key or None) from None
+
+
+def _list_keys(table: type[pydantic.BaseModel], place: tuple) -> list[str]:
+    """Keys that the table at a place in this one may have."""
+    for part in place:
+        if part in table.model_fields:  # else the name of one of many alike
+            kinds = (table.model_fields[part].annotation, *get_args(table.model_fields[part].annotation))
+            table = next((kind for kind in kinds if isinstance(kind, type) and issubclass(kind, pydantic.BaseModel)),
+                         table)
+    return [field.alias or name for name, field in table.model_fields.items()]
 
 
 class AbstractWritten(AbstractPrinted):

@@ -3,17 +3,14 @@
 from pathlib import Path
 from typing import Literal
 
-import pydantic
 from pydantic import Field, StrictBool, StrictFloat, StrictInt, StrictStr
 
 from .._errors import InputError
 from .._settings import find_data
 from .._user_files import split_name
-from ..measurement.tables import read_toml
-from .files import Strict, hash_file
+from .files import Strict, hash_file, read_settings
 
 
-SCHEMA = "ddetumble.fit/1"
 SECTIONS = {  # whose keys are parameters, and what stands there
     "free": "must be a number (its start) or true", "fixed": "must be a number",
     "priors": "must be { mean = number, sd = positive number }", "bounds": "must be [low, high]",
@@ -69,15 +66,9 @@ def read_specification(path) -> tuple[Specification, str]:
     """
     path = Path(path)
     path = path / "fit.toml" if path.is_dir() else path
-    content = read_toml(path)
-    if content.get("schema") != SCHEMA:
-        raise InputError(f"the schema must be {SCHEMA!r}; it is {content.get('schema')!r}", file=path, key="schema")
-    try:
-        found = Specification.model_validate(content | {
-            section: _join_names(content[section], section == "priors") for section in SECTIONS
-            if isinstance(content.get(section), dict)})
-    except pydantic.ValidationError as error:
-        raise InputError(_list_faults(error), file=path) from None
+    found = read_settings(path, Specification, lambda content: content | {
+        section: _join_names(content[section], section == "priors") for section in SECTIONS
+        if isinstance(content.get(section), dict)}, SECTIONS)
 
     def see(name: str) -> str:
         """A name of a model or effect as seen from the working folder."""
@@ -103,21 +94,3 @@ def _join_names(table: dict, priors: bool) -> dict:
         else:
             flat[name] = value
     return flat
-
-
-def _list_faults(error: pydantic.ValidationError) -> str:
-    """All faults in one sentence, each with its key."""
-    faults: dict[str, str] = {}
-    for fault in error.errors():
-        place, kind, message = fault["loc"], fault["type"], fault["msg"]
-        section = place[0] in SECTIONS
-        if kind == "extra_forbidden":
-            known = Sampler if len(place) > 1 and place[0] == "sampler" else Prior if section else Specification
-            message = "is not a key of a fit; the keys are " + ", ".join(
-                field.alias or name for name, field in known.model_fields.items())
-        elif kind == "missing":
-            message = "is missing"
-        elif section:
-            message = SECTIONS[str(place[0])]
-        faults.setdefault(".".join(map(str, place[:2] if section else place)), f"{message[:1].lower()}{message[1:]}")
-    return "; ".join(f"{key}: {message}" for key, message in faults.items())

@@ -7,13 +7,13 @@ key.
 import dataclasses as dc
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pydantic
-from pydantic import BeforeValidator, ConfigDict, Field, StrictBool, StrictFloat, StrictInt, StrictStr
+from pydantic import BeforeValidator, Field, StrictBool, StrictFloat, StrictInt, StrictStr
 
 from .._errors import InputError
 from .._numerics import scalar
@@ -28,8 +28,8 @@ from ..contact.sliding import AbstractFriction, CoulombFriction, FrictionLaw, Ru
 from ..dynamics.bodies import AbstractBody, Box, Cylinder, Sphere, read_mesh
 from ..dynamics.surfaces import make_debris
 from ..inference.archive import load
+from ..inference.files import Strict, read_settings
 from ..inference.models import is_fitted
-from ..measurement.tables import read_toml
 from ..measurement.units import convert_text
 from .draws import Laws, draw_laws, find_models, vary_law
 from .problem import Goal, Limits, StrikeProblem
@@ -41,10 +41,9 @@ CLAMPED = 1e9
 # What effects may require that the impact itself provides.
 GIVEN = ("initial_pressure", "approach_speed", "tangential_speed", "tangential", "slip_speed", "internal_pressure")
 
-Real = StrictFloat | StrictInt
-Number = Annotated[Real, Field(allow_inf_nan=False)]
-Positive = Annotated[Real, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[Real, Field(ge=0, allow_inf_nan=False)]
+Number = StrictFloat | StrictInt
+Positive = Annotated[Number, Field(gt=0)]
+NotNegative = Annotated[Number, Field(ge=0)]
 
 
 def _read_in(unit: str) -> BeforeValidator:
@@ -74,11 +73,7 @@ Places = tuple[Place, Place, Place]
 Vector = tuple[Number, Number, Number]
 
 
-class _Strict(pydantic.BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class DebrisTable(_Strict):
+class DebrisTable(Strict):
     """`[debris]`: shape and how it moves at time 0."""
 
     shape: Literal["cylinder", "box", "sphere", "mesh"] = Field(default="cylinder", description="`cylinder` (`radius`, "
@@ -125,7 +120,7 @@ class DebrisTable(_Strict):
         return self
 
 
-class BallTable(_Strict):
+class BallTable(Strict):
     """`[ball]`: the contact model."""
 
     model: StrictStr = Field(
@@ -143,7 +138,7 @@ class BallTable(_Strict):
         "of the impact on this ball.")
 
 
-class ArmTable(_Strict):
+class ArmTable(Strict):
     """`[arm]`: what the ball is mounted on."""
 
     mass: Mass | None = Field(
@@ -157,7 +152,7 @@ class ArmTable(_Strict):
         "mass of an oblique fit, or 0.5 kg.")
     speed: Speed = Field(default=2.0, description="largest speed of the tip [m/s].")
     chaser: Vector = Field(default=(1.0, 0.0, 0.0), description="direction from the debris to the chaser, inertial.")
-    cone_degrees: Annotated[Real, Field(gt=0, le=180)] = Field(
+    cone_degrees: Annotated[Number, Field(gt=0, le=180)] = Field(
         default=180.0, description="largest angle between this direction and the outward normal at the place that is "
         "struck.")
     chaser_mass: Mass | None = Field(
@@ -166,7 +161,7 @@ class ArmTable(_Strict):
         default=0.5, description="time before and after the contact during which nothing else may be touched [s].")
 
 
-class LimitTable(_Strict):
+class LimitTable(Strict):
     """`[limits]`: what ball and debris can take."""
 
     pressure: tuple[Pressure, Pressure] = Field(
@@ -200,7 +195,7 @@ class LimitTable(_Strict):
         return self
 
 
-class GoalTable(_Strict):
+class GoalTable(Strict):
     """`[goal]`: what is wanted."""
 
     momentum: NotNegative = Field(default=1.0, description="weight of |L| left, over |L| before.")
@@ -211,7 +206,7 @@ class GoalTable(_Strict):
         "after an impact (body components) and the tensor of inertia, in JAX, which returns a positive number to be "
         "made small.")
     impacts: Annotated[StrictInt, Field(ge=1, le=200)] = Field(default=1, description="largest number of impacts.")
-    share: Annotated[Real, Field(ge=0, lt=1)] = Field(
+    share: Annotated[Number, Field(ge=0, lt=1)] = Field(
         default=0.01, description="share of the angular momentum at which a sequence ends; the report measures a plan "
         "by it.")
     least: Literal["impacts", "impulse", "time"] = Field(
@@ -225,7 +220,7 @@ class GoalTable(_Strict):
         return self
 
 
-class ErrorTable(_Strict):
+class ErrorTable(Strict):
     """`[errors]`: standard deviations of what arm and estimate of the motion get wrong."""
 
     instant: Time = Field(default=0.05, description="of the instant of first touch [s].")
@@ -250,14 +245,14 @@ class ErrorTable(_Strict):
                 for name, size in self.model_dump(exclude={"draws", "plan_for"}).items()}
 
 
-class SpreadTable(_Strict):
+class SpreadTable(Strict):
     """A parameter of `[uncertainty.parameters]`, in its public unit."""
 
     mean: Number | None = Field(default=None, description="mean; if not given, the value of the contact model.")
     sd: NotNegative = Field(..., description="standard deviation.")
 
 
-class UncertaintyTable(_Strict):
+class UncertaintyTable(Strict):
     """`[uncertainty]`: how well the contact is known, and what the plan makes of that."""
 
     fit: StrictStr = Field(default="", description="folder that `fit`, `sample`, `discover` or `average` wrote (or its "
@@ -266,7 +261,7 @@ class UncertaintyTable(_Strict):
     parameters: dict[StrictStr, SpreadTable] = Field(
         default={}, description="parameters of the contact model by name, each with `sd` and, unless it is the model's "
         "own value, `mean`.")
-    correlation: tuple[tuple[StrictStr, StrictStr, Annotated[Real, Field(ge=-1, le=1)]], ...] = Field(
+    correlation: tuple[tuple[StrictStr, StrictStr, Annotated[Number, Field(ge=-1, le=1)]], ...] = Field(
         default=(), description="rows of two of these names and their correlation.")
     draws: Annotated[StrictInt, Field(ge=2, le=1024)] = Field(default=32, description="number of draws of each model.")
     tail: Annotated[StrictFloat, Field(gt=0, le=0.5)] = Field(
@@ -285,7 +280,7 @@ class UncertaintyTable(_Strict):
         return self
 
 
-class Scenario(_Strict):
+class Scenario(Strict):
     """Content of `SCENARIO.toml`."""
 
     schema_: Literal["ddetumble.plan/1"] = Field(
@@ -330,30 +325,7 @@ def read_scenario(path) -> Scenario:
     Raises:
         InputError: It is not there, no TOML, or says something that is not understood; the key is named.
     """
-    path = Path(path)
-    content = read_toml(path)
-    if content.get("schema") != SCHEMA:
-        raise InputError(f"the schema must be {SCHEMA!r}; it is {content.get('schema')!r}", file=path, key="schema")
-    try:
-        return Scenario.model_validate(content)
-    except pydantic.ValidationError as error:
-        first = min(error.errors(), key=lambda one: one["type"] != "extra_forbidden")  # why others may be missing
-        place = ".".join(str(part) for part in first["loc"]) or "scenario"
-        problem = first["msg"].removeprefix("Value error, ")[:200]
-        if first["type"] == "extra_forbidden":
-            problem = f"this is not a key here; the keys are {', '.join(_list_keys(first['loc'][:-1]))}"
-        raise InputError(problem, file=path, key=place) from None
-
-
-def _list_keys(place: tuple) -> list[str]:
-    """Keys that the table at a place of the scenario may have."""
-    table: type[pydantic.BaseModel] = Scenario
-    for part in place:
-        if part in table.model_fields:  # else the name of one of many alike
-            kinds = (table.model_fields[part].annotation, *get_args(table.model_fields[part].annotation))
-            table = next((kind for kind in kinds if isinstance(kind, type) and issubclass(kind, pydantic.BaseModel)),
-                         table)
-    return [field.alias or name for name, field in table.model_fields.items()]
+    return read_settings(Path(path), Scenario)
 
 
 def make_body(table: DebrisTable, here: Path) -> AbstractBody:
