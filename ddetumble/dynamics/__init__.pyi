@@ -19,11 +19,11 @@ from .impact import simulate_impact as simulate_impact
 from .rigid import Tumble as Tumble
 from .rigid import measure_energy as measure_energy
 from .rigid import measure_momentum as measure_momentum
+from .rigid import simulate_tumbling as simulate_tumbling
 from .rigid import trace_point as trace_point
 from .slide import simulate_sliding as simulate_sliding
 from .strike import simulate_oblique_impact as simulate_oblique_impact
 from .surfaces import Debris as Debris
 from .surfaces import make_debris as make_debris
-from .tumbling import simulate_tumbling as simulate_tumbling
 
 __all__: list[str]

@@ -4,11 +4,10 @@
 drawn of them, the family's force where it is not given. `narrow` draws for a telephone.
 """
 
-from .fit import draw_fit, draw_prediction, draw_signatures, draw_values
+from .fit import draw_fit, draw_prediction, draw_records, draw_signatures, draw_values
 from .missing import draw_missing_rivals, draw_missing_shape
 from .planning import draw_map, draw_next_test, draw_power
 from .posterior import draw_corner, draw_left_out, draw_predictive, draw_prior_predictive, draw_ranks, draw_traces
-from .records import draw_records
 from .residuals import (
     draw_dependence,
     draw_missing_force,

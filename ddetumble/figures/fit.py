@@ -1,4 +1,4 @@
-"""Model against measurement: records with their residuals, peaks, what an effect changes, and predicted records."""
+"""Records as measured, and model against measurement: residuals, peaks, what an effect changes, predicted records."""
 
 import dataclasses as dc
 import math
@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.ticker import MaxNLocator
 
+from ..measurement.campaign import Campaign
 from ..measurement.quantities import Quantity, clean, describe_conditions, describe_quantity, shorten_names, vary
 from ..measurement.units import si_unit
 from ..selection.result import Trace
@@ -49,10 +50,8 @@ LINES = (AFTER, BEFORE, MORE[0])  # channels of one unit in one panel
 
 @styled
 def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str | None = None, count: int = 8, narrow: bool = False):
-    """Records spread over the conditions, each with the models through it and, below, the residual over the noise.
-
-    Args:
-        count: how many records at most.
+    """At most `count` records spread over the conditions, each with the models through it and, below, the residual over
+    the noise.
 
     Raises:
         TypeError: The models are not given by name.
@@ -164,13 +163,10 @@ def draw_values(models: Mapping[str, Sequence[Trace]], channel: str | None = Non
 
 @styled
 def draw_signatures(models: Mapping[str, Sequence[Trace]], channel: str, count: int = 4, narrow: bool = False):
-    """Measured minus the first model, and the change that every other model makes to it, record by record.
+    """Measured minus the first model, and the change that every other model, which extends it, makes to it, record by
+    record; `count` records of different conditions: those with the largest change.
 
     An effect that is what is missing runs along the dots; one that merely removes a part of them has another shape.
-
-    Args:
-        models: traces by the model's name, the one that the others extend first.
-        count: records drawn, of different conditions: those with the largest change.
     """
     name, *names = models
     first = pick_channel(models[name], channel)
@@ -215,14 +211,11 @@ def draw_signatures(models: Mapping[str, Sequence[Trace]], channel: str, count: 
 
 @styled
 def draw_prediction(table, settings: Mapping[str, Mapping[str, float]]):
-    """Predictions over time or slip, one column a record, with two standard deviations of the mean and of a new test.
+    """What `predict` returned, over time or slip, one column a record, with two standard deviations of the mean and of
+    a new test; `settings` are every record's conditions, for the panels' titles.
 
     Channels of one unit are drawn together. Of more than four records only the main ones are drawn, and twelve records
     at most.
-
-    Args:
-        table: what `predict` returned.
-        settings: conditions of every record, for the panels' titles.
     """
     channels = [name.removesuffix("_sd_new") for name in table.columns if name.endswith("_sd_new")]
     if not {"slip", "time"} & set(table.columns[:2]):
@@ -342,3 +335,29 @@ def _smooth(trace: Trace) -> np.ndarray:
         if residual[part].size > width:
             smooth[part] = pd.Series(residual[part]).rolling(width, center=True, min_periods=1).mean()
     return smooth
+
+
+DRAWN = 40  # records that are drawn: more hide one another
+
+
+@styled
+def draw_records(campaign: Campaign):
+    """Every channel of the first records over the independent variable; a line marks nought, where contact begins."""
+    samples, along = campaign.samples, campaign.independent
+    if samples is None or along is None:
+        raise ValueError("the campaign has no samples")
+    x, keys = describe_quantity(along.name, samples[along.name].to_numpy(), along.unit), campaign.record_keys
+    figure = new_figure(0.6 + 2.0 * len(campaign.channels))
+    panels = figure.subplots(len(campaign.channels), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, (name, column) in zip(panels, campaign.channels.items(), strict=True):
+        y = describe_quantity(name, samples[name].to_numpy(), column.unit)
+        for key in keys[:DRAWN]:
+            trace = campaign.trace(key)
+            there = np.isfinite(trace[name].to_numpy())
+            axes.plot(x.scale * trace[along.name][there], y.scale * trace[name][there], lw=0.8, alpha=0.7, color=BEFORE)
+        axes.axvline(0.0, color=INK, lw=0.6)
+        dress(axes, ylabel=y.label)
+    panels[-1].set_xlabel(x.label)
+    count = f"{DRAWN} of " * (len(keys) > DRAWN) + f"{len(keys)} records"
+    panels[0].set_title(keys[0] if len(keys) == 1 else count)
+    return figure

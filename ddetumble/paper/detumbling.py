@@ -24,9 +24,8 @@ from ..dynamics.angles import measure_nutation
 from ..dynamics.bodies import Cylinder
 from ..dynamics.collision import simulate_collision
 from ..dynamics.free_motion import propagate_torque_free
-from ..dynamics.rigid import Tumble, measure_momentum, trace_point
+from ..dynamics.rigid import Tumble, measure_momentum, simulate_tumbling, trace_point
 from ..dynamics.surfaces import make_debris
-from ..dynamics.tumbling import simulate_tumbling
 from ..figures.palette import AFTER, BEFORE, FLOOR, GREY, INK, KIN
 from ..figures.style import new_axes, new_figure, styled
 from .section import write_section
@@ -82,11 +81,8 @@ def place_stage(momentum: np.ndarray) -> np.ndarray:
 
 
 def follow_impact(table: Momentum, before: float, after: float) -> Tumble:
-    """Free motion, a step of moment along the momentum from t = 0 on, free motion again.
-
-    Args:
-        table: momentum before and after.
-        before, after: how long is shown on either side [s].
+    """Free motion, a step of moment along the momentum from t = 0 on, free motion again; `before` and `after` say how
+    long is shown on either side [s].
     """
     inertia, attitude = Cylinder().inertia(), place_stage(table.before)
     size, left = (float(np.linalg.norm(x)) for x in (table.before, table.after))
@@ -114,11 +110,8 @@ def sample_steps(step: float = STEP) -> float:
 
 
 def strike_stage(momentum: np.ndarray, pressure: float = 2.5e6) -> list[dict[str, float]]:
-    """The toolkit's own impacts on the flat-spinning stage: one row for each apparent mass of the arm and speed.
-
-    Returns:
-        `mass` [kg], `speed` of the arm [m/s], `share` of the momentum taken [-], `peak_force` [N], `depression` [m],
-        `time` of contact [s].
+    """The toolkit's own impacts on the flat-spinning stage, one row for each apparent `mass` [kg] of the arm and
+    `speed` [m/s]: `share` of the momentum taken [-], `peak_force` [N], `depression` [m], `time` of contact [s].
     """
     debris = make_debris(Cylinder())
     size = float(np.linalg.norm(momentum))
@@ -172,14 +165,9 @@ def draw_demand(demands: Mapping[str, Mapping[str, Any]], printed: np.ndarray):
 @styled
 def draw_passages(passages: Mapping[str, Tumble], values: Callable[[Tumble], Mapping[str, Any]], height: float,
                   label: str, limits: tuple[float | None, float | None], place: Any, colours: Sequence[str]):
-    """Figures 18 to 22: values before and after the impacts of both tables.
-
-    Args:
-        passages: by table.
-        values: of a passage by name, shape (times,) [rad or rad/s].
-        height: of the figure [inch].
-        label, limits: of their axis [° or °/s]; place: of the legend.
-        colours: of the values.
+    """Figures 18 to 22: values of the passages by table, by name, shape (times,) [rad or rad/s], before and after the
+    impacts, in a figure of that height [inch]; label and limits are of their axis [° or °/s], the place is the
+    legend's.
     """
     figure, *panels = new_axes(height, columns=len(passages), xlabel="time since the impact [s]")
     for axes, (name, passage) in zip(panels, passages.items(), strict=True):
@@ -244,11 +232,8 @@ SHOWN = 300.0  # s, on either side of the impact: more would draw the curves too
 
 
 def write_detumbling(peaks: np.ndarray, measured: np.ndarray, theory: np.ndarray, friction: float):
-    """The section, and what `paper.json` says of it.
-
-    Args:
-        peaks, measured, theory: normal forces of Figure 8 and Table 3, shape (records,) [N].
-        friction: measured friction over normal force [-].
+    """The section, and what `paper.json` says of it; of the normal forces of Figure 8 and Table 3 (measured, theory),
+    shape (records,) [N], and the measured friction over normal force [-].
     """
     printed = np.sort(np.concatenate([peaks, measured, theory]))
     tables = {name: read_momentum(name.lower().replace(" ", "-")) for name in ("Table 5", "Table 6")}

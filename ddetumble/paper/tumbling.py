@@ -17,8 +17,7 @@ from ..dynamics.angles import measure_motion, measure_precession
 from ..dynamics.bodies import Cylinder
 from ..dynamics.elliptic import quarter_period
 from ..dynamics.free_motion import propagate_torque_free
-from ..dynamics.rigid import Tumble, trace_point
-from ..dynamics.tumbling import simulate_tumbling
+from ..dynamics.rigid import Tumble, simulate_tumbling, trace_point
 from ..figures.palette import AFTER, BEFORE, FLOOR, GREY, INK, KIN, PALE
 from ..figures.style import dress, new_axes, new_figure, point_at, styled
 from .section import write_section
@@ -93,12 +92,8 @@ def vary_moments(asymmetry: float) -> np.ndarray:
 
 
 def follow_stage(momentum: np.ndarray, moments: np.ndarray, times: np.ndarray) -> Course:
-    """Free motion in closed form from the assumed attitude.
-
-    Args:
-        momentum: in the base frame, shape (3,) [N m s].
-        moments: principal ones, shape (3,) [kg m²].
-        times: from 0 on, shape (times,) [s].
+    """Free motion in closed form from the assumed attitude, of a momentum in the base frame [N m s] and principal
+    moments [kg m²], shapes (3,), at times from 0 on [s].
     """
     motion = propagate_torque_free(moments, UNTURNED, momentum / moments, times)
     inertia = jnp.asarray(moments)
@@ -110,17 +105,11 @@ def follow_stage(momentum: np.ndarray, moments: np.ndarray, times: np.ndarray) -
 
 
 def limit_nutation(momentum: np.ndarray, moments: np.ndarray) -> tuple[float, float]:
-    r"""Smallest and largest nutation angle of a stage whose axial moment is the least.
+    r"""Smallest and largest nutation angle, 0 to pi/2 [rad], of a stage whose axial moment is the least.
 
-    The momentum crosses the planes $L_x = 0$ and $L_y = 0$ of the body, where $|L|$ and $2E$ leave
-    $L_z^2 = (2E - L^2/I_i)/(1/I_z - 1/I_i)$ with $i = y$ and $i = x$.
-
-    Args:
-        momentum: body components at any time, shape (3,) [N m s].
-        moments: principal ones, shape (3,) [kg m²]; the momentum must circle body z.
-
-    Returns:
-        Two angles, 0 to pi/2 [rad].
+    The momentum crosses the planes $L_x = 0$ and $L_y = 0$ of the body, where $|L|$ and $2E$ leave $L_z^2 = (2E -
+    L^2/I_i)/(1/I_z - 1/I_i)$ with $i = y$ and $i = x$. It has body components at any time [N m s] and must circle body
+    z; the moments are the principal ones [kg m²].
     """
     square, double = momentum @ momentum, momentum @ (momentum / moments)
     along = (double - square / moments[:2]) / (1.0 / moments[2] - 1.0 / moments[:2])
@@ -132,12 +121,9 @@ def time_nutation(momentum: np.ndarray, moments: np.ndarray) -> float:
     r"""Period of the nutation angle, $2 K(m)/p$ [s]; its limit for equal transverse moments is $\pi I_t/((I_t - I_a)
     |\omega_z|)$.
 
-    With $I_1 \ge I_2 > I_3$: $p^2 = (2E I_1 - L^2)(I_2 - I_3)/(I_1 I_2 I_3)$,
-    $m = (I_1 - I_2)(L^2 - 2E I_3)/((I_2 - I_3)(2E I_1 - L^2))$ (Landau and Lifshitz, Mechanics, section 37).
-
-    Args:
-        momentum: body components at any time, shape (3,) [N m s].
-        moments: principal ones, shape (3,) [kg m²]; the momentum must circle the axis of the least.
+    With $I_1 \ge I_2 > I_3$: $p^2 = (2E I_1 - L^2)(I_2 - I_3)/(I_1 I_2 I_3)$, $m = (I_1 - I_2)(L^2 - 2E I_3)/((I_2 -
+    I_3)(2E I_1 - L^2))$ (Landau and Lifshitz, Mechanics, section 37). The momentum, body components at any time [N m
+    s], must circle the axis of the least of the principal moments [kg m²].
     """
     square, double = momentum @ momentum, momentum @ (momentum / moments)
     small, middle, large = np.sort(moments)

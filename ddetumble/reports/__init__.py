@@ -7,10 +7,8 @@ from ..planning.plan import Plan
 from ..posterior.result import Posterior
 from ..selection.compare import Comparison, Comparisons
 from ..selection.discovery import Discovery
-from .comparison import report_comparison, tabulate_errors
-from .findings import write_report
+from .findings import report_comparison, tabulate_errors, write_missing, write_report
 from .fit import report_fit
-from .missing import write_missing
 from .page import Picture, Section, Table, write_page
 from .plan import write_plan
 from .posterior import write_posterior

@@ -1,13 +1,14 @@
-"""The report of what was found in a campaign, as one page; its sections serve fits and comparisons too."""
+"""The reports of a discovery, of a comparison and of a missing force, one page each, of sections that they share."""
 
 import dataclasses as dc
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from .. import figures
 from ..families import View, find_family
@@ -25,20 +26,17 @@ from ..measurement.quantities import (
     name_steps,
     say_p,
 )
-from ..selection.compare import Comparison
+from ..selection.compare import Comparison, Comparisons
 from ..selection.discovery import Discovery
-from ..selection.result import Place, SettingShift, Step, Trace
+from ..selection.result import MissingForce, Place, SettingShift, Step, Trace
 from ..selection.series import list_channels
 from ..selection.text import choose_view, list_alternatives, say_place, say_verdict, share_at_step, show_estimate
-from .missing import show_missing
 from .page import Picture, Section, Table, draw_picture, flatten, write_page
 
 
 def write_report(discovery: Discovery, folder) -> Path:
-    """Write what `discover` returned as one self-contained page, and its figures; returns its path.
-
-    Raises:
-        InputError: The folder cannot be written.
+    """Write what `discover` returned as one self-contained page, and its figures, into a folder, refused where it
+    cannot be written; returns its path.
     """
     records = len({trace.record for step in discovery.steps[-1:] for trace in step.traces})
     level = discovery.settings.level
@@ -115,14 +113,9 @@ def _build_sections(discovery: Discovery) -> list[Section]:
 
 def show_errors(labels: Sequence[tuple], steps: Sequence[Step | Comparison], floors: Sequence[float],
                 names: Sequence[str], converged: Sequence[str] = ()) -> Section:
-    """Error by model, drawn and as a table.
-
-    Args:
-        labels: first cells of every row: the model's name, and of a comparison its free parameters.
-        steps: the models.
-        floors: of the noise, one a model.
-        names: of the models in the figure.
-        converged: last cells of the rows; none for a comparison.
+    """Error by model, drawn and as a table: labels are the first cells of every row (the model's name, and of a
+    comparison its free parameters), floors of the noise one a model, names of the models in the figure, and `converged`
+    the last cells; none for a comparison.
     """
     rows = [(*label, format_number(step.chi2_reduced), format_error(step.nrmse), format_error(step.heldout_nrmse),
              format_error(step.prediction_nrmse), format_share(step.prediction_coverage), format_error(floor),
@@ -352,3 +345,156 @@ def _begin(channel: str) -> str:
     """A channel's name at the start of a sentence."""
     name = describe_quantity(channel).name
     return name[:1].upper() + name[1:]
+
+
+def _count(value: float) -> str:
+    return f"{value:g}" if np.isfinite(value) else "–"
+
+
+# Columns of the errors in words, and how they are shown; residuals are in the channel's unit, named with it.
+_COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
+    "ratio": ("rms / noise", format_number), "nrmse": ("rms / signal", format_error), "samples": ("samples", _count),
+    "records": ("records", _count), "record": ("record", clean), "sequence": ("position in the series", _count),
+    "chi2_reduced": ("χ² per sample", format_number),
+    "channel": ("channel", lambda name: describe_quantity(name).name),
+}  # fmt: skip
+_RESIDUALS = {"rms": "rms residual", "bias": "mean residual"}
+
+
+def report_comparison(found: Comparison | Comparisons, folder) -> Path:
+    """Write what `compare` returned as a page, `comparison.html`; returns its path.
+
+    Of several models it shows the error by step, what each changes beside what the first leaves, and the one that
+    cross-validates best.
+    """
+    if isinstance(found, Comparison):
+        one, shown, sections = found, {found.model: found.traces}, []
+        what, where = f"the model {found.model}", found.where
+    else:
+        best = len(found) - 1 if found.best is None else found.best
+        values = are_values(found[0].traces)  # one figure has room for all models of them
+        some = range(len(found)) if values else dict.fromkeys((0, best))
+        one, shown = found[best], {found.names[k]: found[k].traces for k in some}
+        labels = [(name, each.free) for name, each in zip(found.names, found, strict=True)]
+        floors = [each.noise_nrmse for each in found]
+        sections = [show_errors(labels, found.models, floors, found.names)]
+        if not values and len(found) > 1:
+            sections.append(_show_signatures(found))
+        what, where = f"{len(found)} models", found[0].where
+    sentence = found.sentence if isinstance(found, Comparison) else " ".join([found.sentence, *found.failures])
+    models = {clean(label, 60): traces for label, traces in shown.items()}
+    sections += [show_fits(models), show_failures(models, one.noise, where), tabulate_errors(one)]
+    return write_page(f"{one.campaign} and {what}", sentence, sections, folder, "comparison.html",
+                      status=[clean(one.campaign, 120), f"{len(one.records)} records"])
+
+
+def _show_signatures(found: Comparisons) -> Section:
+    """What each model changes of the first one's prediction, beside what that one leaves."""
+    models = {clean(name, 60): one.traces for name, one in zip(found.names, found, strict=True)}
+    channel = found[0].traces[0].channel
+    first = clean(found.names[0])
+    picture = draw_picture(
+        "signatures", f"Dots: measured minus {first}, {describe_quantity(channel).name}, single samples faint. Lines: "
+        "the change that each other model makes to its prediction after the fit. An effect that is missing follows the "
+        "dots.",
+        figures.draw_signatures, models, channel,
+        alt=f"Residual of {first} and the change that {len(found) - 1} models make to it, where it is largest.")
+    return Section("Why an effect fits", figures=[picture])
+
+
+def tabulate_errors(result: Comparison) -> Section:
+    """Errors by channel, condition and record as a part of a page, every column with its unit."""
+    units = {str(row["channel"]): str(row["unit"]) for _, row in result.channels.iterrows()}
+    tables = [_tabulate(result.channels.drop(columns="unit"), units, "By channel.")]
+    if any(name not in _COLUMNS and not name.startswith("ratio") and name not in _RESIDUALS
+           for name in result.conditions.columns):
+        tables.append(_tabulate(result.conditions, units,
+                                "By condition; each row is the mean over tests with equal settings."))
+    tables.append(_tabulate(result.records, units, "By record."))
+    text = "Rms / noise is the RMS residual over the standard deviation of the noise: 1 is as good as a model can be."
+    followed = [] if result.sequential is None else [str(result.sequential)]
+    return Section("Errors", [text, *followed], tables=tables)
+
+
+def _tabulate(frame: pd.DataFrame, units: Mapping[str, str], caption: str) -> Table:
+    """A table of errors with headings in words; `units` are those of the channels, SI."""
+    shown = {channel: describe_quantity(channel, unit=unit) for channel, unit in units.items()}
+    first, several = next(iter(shown.values())), len({one.unit for one in shown.values()}) > 1
+    header, columns = [], []
+    for name in map(str, frame.columns):
+        values = list(frame[name])
+        if name in _RESIDUALS:
+            header.append(_RESIDUALS[name] + ("" if several else f" [{first.unit}]"))
+            own = [shown[str(one)] for one in frame["channel"]] if "channel" in frame else [first] * len(values)
+            columns.append([f"{format_number(one.scale * float(value))} {one.unit if several else ''}".rstrip()
+                            for one, value in zip(own, values, strict=True)])
+        elif name.startswith("ratio_"):
+            header.append(f"rms / noise, {describe_quantity(name.removeprefix('ratio_')).name}")
+            columns.append([format_number(float(value)) for value in values])
+        elif name in _COLUMNS:
+            heading, show = _COLUMNS[name]
+            header.append(heading)
+            columns.append(list(map(show, values)))
+        else:
+            setting = describe_quantity(name, np.asarray(values, float))
+            header.append(setting.label)
+            columns.append([setting.format(float(value)) for value in values])
+    return Table(header, list(zip(*columns, strict=True)), caption)
+
+
+def write_missing(missing: MissingForce, folder, *, title: str, status: Sequence[str] = ()) -> Path:
+    """Write what `draw_missing_force` returned as one self-contained page into a folder, refused where it cannot be
+    written; `title` and `status` as of `write_page`.
+    """
+    return write_page(title, missing.sentence, show_missing(missing, sentence=False), folder, "missing.html",
+                      status=status)
+
+
+def show_missing(missing: MissingForce, sentence: bool = True) -> list[Section]:
+    """The sections of a missing force; `sentence` repeats its sentence where the page has another."""
+    paragraphs = [missing.sentence] if sentence else []
+    if not missing.shapes:
+        return [Section("The missing force", paragraphs, points=missing.notes)]
+    best = missing.shapes[0]
+    spectrum = (", and the spectrum of the force (grey: two standard deviations of the noise)"
+                if best.spectrum.shape[1] > 2 else "")
+    pictures = [draw_picture(
+        "missing-shape", "The missing force, fitted inside the equation of motion, with ± two posterior standard "
+        "deviations, a simple law that describes it (dashed, where it holds for the same values of the model's "
+        "parameters), and below, in grey, the density of the samples. Beside it: the share of the misfit of left-out "
+        f"conditions that each explains{spectrum}.", figures.draw_missing_shape, missing,
+        alt=f"Missing {clean(best.way)} over {clean(best.variable)}.")]
+    if len(missing.shapes) > 1:
+        pictures.append(draw_picture(
+            "missing-rivals", "The same over the other variables that came close, each fitted alone, with the "
+            "difference from the best in noise variances of left-out conditions.", figures.draw_missing_rivals,
+            missing))
+    rows = []
+    for shape in missing.shapes:
+        shown, error = describe_quantity(shape.variable, shape.x), shape.standard_error
+        parts = f", {' and '.join(shape.parts)}" if shape.parts[0] else ""
+        rows.append((
+            clean(f"{shape.way} over {shape.variable}{parts}"), shape.intervals,
+            format_share(missing.share(shape.loss)), "–" if shape.difference == 0 else
+            f"{format_value(shape.difference, error)} ± {format_value(error, error)}", format_share(shape.visible),
+            "–" if shape.begins is None else f"{format_number(shown.scale * shape.begins)} {shown.unit}".rstrip()))
+    tables = [Table(
+        ("force", "knots", "misfit explained", "difference from the best", "visible", "differs from zero from"), rows,
+        "Non-parametric forces of one variable; differences are in noise variances of left-out conditions. Visible: "
+        "the share of the force's own signature that the model's parameters and the settings cannot imitate.")]
+    rows = []
+    for k, law in enumerate(missing.laws):
+        values = "; ".join(f"{n} = {format_value(e.estimate, e.sd)} ± {format_value(e.sd, e.sd)} {e.unit}".rstrip()
+                           for n, e in law.parameters.items())
+        behind = (f"{format_number(law.difference)} ± {format_number(law.standard_error)}",
+                  format_number(law.chi2 - missing.laws[0].chi2)) if k else ("–", "–")
+        rows.append((clean(law.text), clean(values, 300), "–" if missing.lone else
+                     format_share(missing.share(law.loss)), *behind, "yes" if law.converged else "no"))
+    if rows:
+        tables.append(Table(
+            ("simple law", "parameters (SI)", "misfit explained", "difference from the first", "fits worse by",
+             "converged"),
+            rows, "Laws that would describe it, fitted inside the equation of motion; differences are in noise "
+            "variances. Of the laws that left-out conditions do not distinguish, the one that fits best comes first; "
+            f"each parameter costs {missing.settings.significant:g}."))
+    return [Section("The missing force", paragraphs, pictures, tables, missing.notes)]
