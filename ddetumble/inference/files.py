@@ -54,10 +54,8 @@ def write_json(path: Path, content: Any) -> None:
 
 @contextlib.contextmanager
 def hold_folder(folder: Path, busy: str) -> Iterator[None]:
-    """Make a folder where there is none, and keep other processes out of it.
-
-    Raises:
-        InputError: Another process holds it, as `busy` says, or it cannot be written.
+    """Make a folder where there is none, and keep other processes out of it; where another one holds it, `busy` says
+    so.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -75,14 +73,8 @@ def hold_folder(folder: Path, busy: str) -> Iterator[None]:
 
 
 def claim_folder(path: Path, what: str, key: str, asked: Any, **more: Any) -> None:
-    """Write into a file what a folder holds, or see that it holds the same already.
-
-    Args:
-        path: of the file.
-        what: the folder holds, such as `a chain`.
-        key: of `asked` in the file.
-        asked: what has to be the same for those who go on: a record or a mapping.
-        more: what stands in the file beside it; a `schema` has to be the same, too.
+    """Write into a file what a folder holds (`what`, such as `a chain`), or see that it holds the same already: what is
+    `asked`, a record or a mapping that stands there as `key`, and a `schema` among the `more` that stands beside it.
 
     Raises:
         InputError: The folder holds something else, or the file is damaged.
@@ -132,10 +124,8 @@ def read_json(path: Path, schema: str, kind: type[Content], again: str) -> Conte
 def read_settings(path: Path, kind: type[Content], arrange: Callable[[dict], dict] = dict,
                   sections: Mapping[str, str] | None = None) -> Content:
     """Content of a TOML file of settings, of a `kind` whose field `schema_` states the schema; `arrange` puts what was
-    read into its form. `sections` are tables whose keys are names that a user chooses, with what has to stand there.
-
-    Raises:
-        InputError: It is not there, no TOML, or says something that is not understood; all faults, each with its key.
+    read into its form. `sections` are tables whose keys are names that a user chooses, with what has to stand there. A
+    file that says something that is not understood is refused for all its faults, each with its key.
     """
     content, sections = read_toml(path), sections or {}
     (schema,) = get_args(kind.model_fields["schema_"].annotation)
@@ -192,6 +182,11 @@ def check_folder(folder: str | Path, what: str) -> Path:
     if folder.exists() and not folder.is_dir():
         raise InputError(f"this is a file; name a folder for the {what}", file=folder)
     return folder
+
+
+def list_fields(record: Any, *left_out: str) -> dict[str, Any]:
+    """Fields of a record by name, but for some."""
+    return {f.name: getattr(record, f.name) for f in dc.fields(record) if f.name not in left_out}
 
 
 def make_plain(value: Any) -> Any:

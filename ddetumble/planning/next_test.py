@@ -15,11 +15,11 @@ from .._errors import ComputationError, InputError
 from .._sentences import say, tell
 from ..families import find_family, list_families
 from ..inference.archive import AbstractFitted, FittedModel, load, take_fitted
-from ..inference.files import AbstractWritten, list_versions, make_plain
+from ..inference.files import AbstractWritten, list_fields, list_versions, make_plain
 from ..measurement.quantities import describe_quantity, format_plain, join_words
 from ..posterior.stacking import read_discovery
 from ..selection.discovery import Discovery
-from ..selection.result import RESULT, list_fields
+from ..selection.result import RESULT
 from ..selection.settings import DEFAULT
 from .distinguishability import (
     Distances,
@@ -167,10 +167,8 @@ def design(models: str | Path | Fitted | Sequence[Fitted], *, limits: Mapping[st
 
 
 def list_confused(models: str | Path | Fitted | Sequence[Fitted]) -> tuple[list[FittedModel], str]:
-    """The best model and its rivals, and the verdict (`fit` where no discovery gives one).
-
-    Raises:
-        InputError: there is no fitted model, the rivals were not written, or they are of several campaigns.
+    """The best model and its rivals, and the verdict (`fit` where no discovery gives one). Refused where there is no
+    fitted model, the rivals were not written, or they are of several campaigns.
     """
     if isinstance(models, (str, Path)):
         folder = Path(models)

@@ -12,7 +12,6 @@ noise are themselves uncertain is allowed for.
 import dataclasses as dc
 from collections.abc import Mapping
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -73,10 +72,6 @@ class Checks:
     outstanding: tuple[str, ...]  # records that stand out by themselves after the correction
     sentence: str  # what that means
     replicates: Replicates  # some of the replicated records
-
-    def to_dict(self) -> dict[str, Any]:
-        """Everything but the replicates."""
-        return {f.name: getattr(self, f.name) for f in dc.fields(self) if f.name != "replicates"}
 
 
 @partial(jax.jit, static_argnums=(0, 1, 2))

@@ -13,7 +13,6 @@ covariance $m, \Sigma$ of their posterior,
 
 import dataclasses as dc
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -61,19 +60,10 @@ class PriorCheck:
     replicates: Replicates | None  # records drawn from the priors
     sentence: str
 
-    def to_dict(self) -> dict[str, Any]:
-        """Everything but the replicates."""
-        return {f.name: getattr(self, f.name) for f in dc.fields(self) if f.name != "replicates"}
-
 
 def check_priors(target: AbstractTarget, x: np.ndarray, independent: float = 1.0, seed: int = 0) -> PriorCheck | None:
-    """What the priors of a target do to its posterior; None where no parameter has one.
-
-    Args:
-        target: with Gaussian priors of coordinates by name.
-        x: draws from its posterior, shape (draws, free).
-        independent: share of them that count as independent.
-        seed: of the draws from the priors.
+    """What the Gaussian priors of a target do to its posterior, of which x are draws, shape (draws, free), a share of
+    them `independent`; None where no parameter has one. The seed is of the draws from the priors.
     """
     names = [name for name in target.names if name in target.priors]
     if not names:

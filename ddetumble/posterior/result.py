@@ -10,7 +10,7 @@ import numpy as np
 
 from .._display import AbstractPrinted, Progress
 from ..contact.transform import TRANSFORMS
-from ..inference.files import check_folder, list_versions, make_plain, write_json, write_whole
+from ..inference.files import check_folder, list_fields, list_versions, make_plain, write_json, write_whole
 from .diagnostics import Convergence
 from .loo import Scores, score_conditions
 from .predictive_check import DRAWS, Checks, check_posterior
@@ -174,9 +174,9 @@ class Posterior(AbstractPrinted):
             "state": self.state, "steps": c.steps, "effective": c.effective, "rhat": c.rhat,
             "autocorrelation_time": dict(zip(self.target.names, c.times, strict=True)), "statistics": self.statistics,
             "correlations": np.atleast_2d(np.corrcoef(self.x.reshape(-1, self.x.shape[-1]).T)), "notes": self.notes,
-            "predictive": None if self.predictive is None else self.predictive.to_dict(), "left_out": self.left_out,
-            "prior": None if self.prior is None else self.prior.to_dict(),
-            "versions": list_versions(),
+            "left_out": self.left_out, "versions": list_versions(),
+            "predictive": self.predictive and list_fields(self.predictive, "replicates"),
+            "prior": self.prior and list_fields(self.prior, "replicates"),
         })  # fmt: skip
 
     def to_datatree(self) -> "xr.DataTree":

@@ -16,7 +16,7 @@ from ..contact.effect import is_absent
 from ..families import Family, find_family, name_family, open_campaign
 from ..inference.archive import FittedModel, Model, resolve_model, take_fitted
 from ..inference.estimation import fit
-from ..inference.files import AbstractWritten, make_plain
+from ..inference.files import AbstractWritten, list_fields, make_plain
 from ..inference.noise_estimation import differs_from_stated
 from ..measurement.campaign import Campaign, thin_campaign
 from ..measurement.quantities import describe_quantity, format_quantity
@@ -25,7 +25,7 @@ from .describe import describe_noise, measure_held, public_estimates
 from .lack_of_fit import is_moved, measure_shifts
 from .localise import residual_places
 from .problem import Fitted, PredictionError, SelectionProblem, fit_reference, pose_selection
-from .result import Estimate, LackOfFit, Place, SettingShift, Trace, list_fields, list_shifts
+from .result import Estimate, LackOfFit, Place, SettingShift, Trace, list_shifts
 from .sequential import Sequential, follow_records
 from .series import list_channels, make_traces, nrmse, split_error
 from .settings import DEFAULT

@@ -9,13 +9,13 @@ from typing import Any
 from .._display import AbstractPrinted
 from .._errors import InputError
 from ..inference.archive import FILE, AbstractFitted, FittedModel, save_model
-from ..inference.files import list_versions, make_plain, write_json
+from ..inference.files import list_fields, list_versions, make_plain, write_json
 from ..inference.findings import AbstractRivals, Fit
 from ..measurement.faults import Fault
 from ..measurement.quantities import clean
 from .bias import SettingBias
 from .confidence import Confidence, find_confidence, list_allowances
-from .result import RESULT, RIVALS, Candidate, MissingForce, Place, SettingSpread, Step, list_fields, list_shifts
+from .result import RESULT, RIVALS, Candidate, MissingForce, Place, SettingSpread, Step, list_shifts
 from .settings import DEFAULT, SelectionSettings
 from .text import align, choose_view, format_candidates, format_steps, say_place, say_verdict, show_estimate, wrap
 

@@ -246,11 +246,6 @@ class MissingForce(AbstractPrinted):
         return {**found, "shares": {name: self.share(loss) for name, loss in losses.items() if loss is not None}}
 
 
-def list_fields(record: Any, *left_out: str) -> dict[str, Any]:
-    """Fields of a record by name, but for some."""
-    return {f.name: getattr(record, f.name) for f in dc.fields(record) if f.name not in left_out}
-
-
 def list_shifts(shifts: Sequence[SettingShift]) -> dict[str, dict[str, Any]]:
     """Shifts of the settings by name, as `result.json` has them: SI, and stated deviations."""
     return {s.name: {"stated": s.stated, "rms_shift": s.rms, "largest_shift": s.largest, "record": s.record,
