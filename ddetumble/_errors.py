@@ -1,6 +1,11 @@
 """The two ways in which a command can fail: the input was bad, or the computation did not succeed."""
 
 import contextlib
+import functools
+
+
+# How the parts of a place are told, in this order.
+_WORDS = {"file": "{}", "sheet": "{}", "row": "line {}", "column": "column {}", "key": "key {}", "option": "{}"}
 
 
 def _plain(text: str) -> str:
@@ -32,30 +37,20 @@ class InputError(ValueError):
         self.column, self.key, self.option, self.sheet = column, key, option, sheet
         self.row = None if row is None else int(row)
 
+    def places(self) -> dict:
+        """Where it is, as far as that is known."""
+        return {name: value for name in _WORDS if (value := getattr(self, name)) not in (None, "")}
+
     def __str__(self) -> str:
-        place = [place for place in (self.file, self.sheet) if place]
-        if self.row is not None:
-            place.append(f"line {self.row}")
-        if self.column is not None:
-            place.append(f"column {self.column}")
-        if self.key is not None:
-            place.append(f"key {self.key}")
-        if self.option is not None:
-            place.append(self.option)
-        return _plain(f"{', '.join(place)}: {self.problem}" if place else self.problem)
+        place = ", ".join(_WORDS[name].format(value) for name, value in self.places().items())
+        return _plain(f"{place}: {self.problem}" if place else self.problem)
 
     def __reduce__(self):
-        return _rebuild, (type(self), self.problem, self.file, self.column, self.row, self.key, self.option,
-                          self.sheet)
+        return functools.partial(type(self), **self.places()), (self.problem,)
 
 
 class ComputationError(RuntimeError):
     """The input was fine and the computation failed all the same; `str()` explains (exit code 1)."""
-
-
-def _rebuild(kind, problem, file, column, row, key, option, sheet):
-    """Build an `InputError` again on the far side of a process boundary."""
-    return kind(problem, file=file, column=column, row=row, key=key, option=option, sheet=sheet)
 
 
 @contextlib.contextmanager
@@ -69,6 +64,4 @@ def error_place(prefix: str = "", **place):
     try:
         yield
     except InputError as error:
-        known = {name: getattr(error, name) for name in ("file", "column", "row", "key", "option", "sheet")}
-        place |= {name: value for name, value in known.items() if value is not None}
-        raise InputError(prefix + error.problem, **place) from None
+        raise InputError(prefix + error.problem, **place | error.places()) from None

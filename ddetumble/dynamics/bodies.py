@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._errors import InputError
+from .._errors import InputError, error_place
 from .._numerics import is_known, scalar
 
 
@@ -231,10 +231,8 @@ def read_mesh(file: str | Path, mass: Any, scale: Any = 1.0) -> Mesh:
         vertices, faces = np.asarray(loaded.vertices, dtype=float), np.asarray(loaded.faces)
     except Exception as problem:  # whatever its readers raise for a damaged file
         raise InputError(f"trimesh cannot read a mesh from this file ({problem})", file=file) from None
-    try:
+    with error_place(file=file):
         return Mesh(mass, scale * vertices, faces)
-    except InputError as problem:
-        raise InputError(problem.problem, file=file) from None
 
 
 def check_faces(faces: np.ndarray, shape: tuple[int, ...]) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from .._display import AbstractPrinted, Progress
-from .._errors import InputError
+from .._errors import InputError, error_place
 from .._sentences import say
 from ..contact.gripping import StrikeLaw
 from ..measurement.units import format_time
@@ -180,14 +180,10 @@ def plan_scenario(scenario: Scenario, here: Path, path: Path | None = None, *, p
     """As `plan`, of a scenario that is read already and names others from the folder `here` on; its file is for
     messages, and further arguments are settings in place of its own.
     """
-    try:
+    with error_place(file=path):
         laws = pose_laws(scenario, here)
         problem = pose_problem(scenario, here, laws)
         ranges = find_measured_ranges(scenario, here)
-    except InputError as error:
-        if path is None or error.file is not None or error.key is None:
-            raise
-        raise InputError(error.problem, file=path, key=error.key) from None
     goal, table = scenario.goal, scenario.uncertainty
     settings = PlanSettings(goal.impacts, goal.share, goal.least, starts=scenario.starts, seed=scenario.seed,
                             within=scenario.limits.within, chaser_mass=scenario.arm.chaser_mass,
