@@ -24,6 +24,10 @@ from .inference.archive import FittedModel as FittedModel
 from .inference.archive import load as load
 from .inference.estimation import fit as fit
 from .inference.findings import Fit as Fit
+from .inference.joint import JointFit as JointFit
+from .inference.joint import fit_jointly as fit_jointly
+from .inference.population import PopulationFit as PopulationFit
+from .inference.population import fit_population as fit_population
 from .measurement.campaign import Campaign as Campaign
 from .measurement.laboratory import import_tests as import_tests
 from .measurement.package import read_campaign as read_campaign

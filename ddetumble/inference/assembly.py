@@ -109,7 +109,8 @@ def _list_warnings(campaign: Campaign, space: ParameterSpace, reference: Abstrac
 def adapt_reference(campaign: Campaign, reference: AbstractModel) -> AbstractModel:
     """A reference model that reads the campaign's conditions; refused in words where they are missing.
 
-    A power law takes the pressure, or else the first further condition that varies, about its median.
+    A power law that names no condition of the campaign takes the pressure, or else the first further condition that
+    varies, about its median.
     """
     records = campaign.records
 
@@ -127,7 +128,7 @@ def adapt_reference(campaign: Campaign, reference: AbstractModel) -> AbstractMod
         return dc.replace(reference, ball=adapt_reference(campaign, reference.ball))
     if isinstance(reference, AbstractRubberFriction):
         require("internal_pressure", "Eq. 8 needs it", "coulomb")
-    if isinstance(reference, PowerLaw):
+    if isinstance(reference, PowerLaw) and reference.condition not in records:
         further = [c for c in records.columns if c not in ("approach_speed", "tangential_speed", "sequence",
                                                          "initial_pressure")]
         values = {c: records[c].to_numpy(dtype=float) for c in ("initial_pressure", *further) if c in records}

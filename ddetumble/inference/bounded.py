@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy import stats
 
-from .problem import Problem, Solution
+from .problem import AbstractProblem, Problem, Solution
 
 
 ROUNDS = 40  # of holding and releasing parameters at their limits: each settles one or more, and few are needed
@@ -28,13 +28,13 @@ class Bounded:
     held: Mapping[str, int]  # -1 or +1 for a parameter held at its lower or upper bound
     bounds: Mapping[str, tuple[float, float]]  # of coordinates, by name, where there are any
 
-    def room(self, problem: Problem, name: str) -> tuple[float, float]:
+    def room(self, problem: AbstractProblem, name: str) -> tuple[float, float]:
         """Coordinates between which a parameter may lie: within its bounds and the limits of the model."""
         k, (low, high) = problem.space.index[name], self.bounds.get(name, (-np.inf, np.inf))
         return max(float(low), float(problem.limits[0][k])), min(float(high), float(problem.limits[1][k]))
 
 
-def solve_bounded(problem: Problem, names: Sequence[str], start: np.ndarray, z: np.ndarray | None,
+def solve_bounded(problem: AbstractProblem, names: Sequence[str], start: np.ndarray, z: np.ndarray | None,
                   bounds: Mapping[str, tuple[float, float]], tolerance: float = 1e-7) -> Bounded:
     """Fit with bounds (of coordinates, by name, within the limits of the model) by an active set.
 
@@ -76,7 +76,8 @@ def solve_bounded(problem: Problem, names: Sequence[str], start: np.ndarray, z: 
     return Bounded(solution, tuple(names), held, dict(bounds))
 
 
-def _settle(problem: Problem, names: Sequence[str], u: np.ndarray, z: np.ndarray | None, tolerance: float) -> Solution:
+def _settle(problem: AbstractProblem, names: Sequence[str], u: np.ndarray, z: np.ndarray | None, tolerance: float
+            ) -> Solution:
     """Go on from where the optimiser ran out of steps, as long as that helps."""
     solution = problem.solve(names, u, z, tolerance=tolerance)
     for _ in range(PATIENCE if tolerance < FINAL else 0):

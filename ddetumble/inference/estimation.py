@@ -168,7 +168,7 @@ def _fit(campaign: Campaign, wanted: Specification, resolved: ResolvedModel, set
         best = solve_bounded(problem, names, best.solution.u, best.solution.z, limits, 1e-2)
     assumed = assume_typical(problem, best.solution, assembly.start)
     if assumed:
-        priors |= assumed
+        priors, settings = priors | assumed, {**settings, "assumed": list(assumed)}
         problem = pose(noise)
         best = solve_bounded(problem, names, origin, None, limits, 1e-2)
     report("measuring the noise", 0.82)

@@ -23,7 +23,7 @@ from .goodness import GoodnessOfFit, judge_goodness
 from .identifiability import Knowledge, Remedy, analyse_fit, analyse_with_refits, describe_knowledge, limit_knowledge
 from .noise import Noise
 from .parameters import ParameterSpace
-from .problem import Problem, Solution
+from .problem import AbstractProblem, Problem, Solution
 
 
 FILE = "fit.json"
@@ -304,7 +304,7 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
              f"not converged {steps}: the values may change further")
     if known.undetermined:
         state += "; not all parameters are determined by these records"
-    shifts = _list_nuisances(problem, solution)
+    shifts = list_nuisances(problem, solution)
     pulls = {name: {record: own[name]["pull"] for record, own in shifts.items() if "pull" in own.get(name, {})}
              for name in problem.records.nuisances}
     return Fit(
@@ -336,7 +336,7 @@ def derive_quantities(space: ParameterSpace, u: np.ndarray, gaussians: Mapping[s
         units.items(), read(jnp.asarray(u)), sd, slopes, strict=True) if own.any()}
 
 
-def estimate_parameters(problem: Problem, found: Bounded, known: Knowledge, start: np.ndarray
+def estimate_parameters(problem: AbstractProblem, found: Bounded, known: Knowledge, start: np.ndarray
                         ) -> tuple[dict[str, Fitted], np.ndarray, np.ndarray,
                                    dict[str, tuple[float, float, float, float]]]:
     """Parameters in the order of `found.names`, their covariance, correlations, and Gaussians of their coordinates.
@@ -388,20 +388,20 @@ def estimate_parameters(problem: Problem, found: Bounded, known: Knowledge, star
     return parameters, covariance, correlations, gaussians
 
 
-def _reach_null(problem: Problem, solution: Solution, name: str) -> float:
+def _reach_null(problem: AbstractProblem, solution: Solution, name: str) -> float:
     """Half the way to a null at which an amplitude has no slope, where values next to it fit as well; else 0."""
-    k, weights = problem.space.index[name], problem.records.stack.weights
+    k = problem.space.index[name]
     parameter, u = problem.space.slots[k].parameter, solution.u.copy()
     null = parameter.transform.from_field(parameter.default)
     distance = float(u[k]) - null
-    if distance == 0.0 or solution.residual.shape[1] != weights.shape[1] * weights.shape[2]:
-        return 0.0  # of thinned records
+    if distance == 0.0 or not problem.is_whole(solution):
+        return 0.0
     u[k] = null + NEXT * distance
     near = problem.solve([other for other in solution.names if other != name], u, solution.z, tolerance=1e-2)
     return 0.5 * abs(distance) if near.chi2 - solution.chi2 < LIKELY else 0.0
 
 
-def _list_nuisances(problem: Problem, solution: Solution) -> dict[str, dict[str, dict[str, float]]]:
+def list_nuisances(problem: Problem, solution: Solution) -> dict[str, dict[str, dict[str, float]]]:
     """Shift of every record's conditions, and what the records start from."""
     records, found = problem.records, {}
     deviations = np.asarray(records.stack.condition_sd)

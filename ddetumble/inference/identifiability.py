@@ -11,7 +11,7 @@ from ..contact.effect import read_validity
 from ..measurement.campaign import Campaign
 from ..measurement.quantities import join_words
 from ..measurement.units import si_unit
-from .parameters import ParameterSpace
+from .parameters import AbstractSpace, ParameterSpace
 from .problem import Problem, Solution
 from .stack import condition_deviations
 
@@ -76,7 +76,7 @@ class Knowledge:
     blends: tuple[Blend, ...]  # combinations that the data hardly fix, worst first
 
 
-def analyse_fit(space: ParameterSpace, solution: Solution) -> Knowledge:
+def analyse_fit(space: AbstractSpace, solution: Solution) -> Knowledge:
     """Find what the Jacobian of a fit determines."""
     return analyse_jacobian(solution.names, solution.flattened()[0], solution.scales,
                             np.array([limit_knowledge(space, name) for name in solution.names]))
@@ -113,7 +113,7 @@ def analyse_jacobian(names: Sequence[str], columns: np.ndarray, scales: np.ndarr
                      tuple(n for n, x in zip(names, silent, strict=True) if x), tuple(blends))
 
 
-def limit_knowledge(space: ParameterSpace, name: str) -> float:
+def limit_knowledge(space: AbstractSpace, name: str) -> float:
     """Standard deviation of a coordinate beyond which nothing is known about the parameter."""
     p = space.parameter(name)
     return min(p.transform.unknown, VAST * p.transform.scale(p.typical))
@@ -126,8 +126,8 @@ def list_unproven(problem: Problem, solution: Solution) -> tuple[str, ...]:
     nothing turns, the fit is caught in one of the many minima that noise has, and the curvature there tells nothing of
     how far the next one is.
     """
-    space, stack = problem.space, problem.records.stack
-    if not space.family.free_running or solution.residual.shape[1] != stack.weights.shape[1] * stack.weights.shape[2]:
+    space = problem.space
+    if not space.family.free_running or not problem.is_whole(solution):
         return ()  # without turns, or of thinned records
     sd, found = np.sqrt(np.maximum(np.diag(solution.covariance()), 0.0)), []
     for name, width in zip(solution.names, sd, strict=True):

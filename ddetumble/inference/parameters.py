@@ -1,11 +1,12 @@
 """Parameters of a law as one vector: names, coordinates in which a fit moves, and the way back to a law."""
 
+import abc
 import copy
 import dataclasses as dc
 import re
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, final
 
 import equinox as eqx
 import numpy as np
@@ -53,7 +54,53 @@ def _is_ours(kind: type) -> bool:
     return module.startswith(f"{package}.") and getattr(sys.modules[module], kind.__qualname__, None) is kind
 
 
-class ParameterSpace:
+class AbstractSpace(abc.ABC):
+    """Parameters by name, in one fixed order: what least squares and intervals need to know of them."""
+
+    slots: tuple[Slot, ...]
+    index: dict[str, int]  # places by name
+
+    def __len__(self) -> int:
+        return len(self.slots)
+
+    def parameter(self, name: str) -> Parameter:
+        """Declaration of a parameter."""
+        return self.slots[self.index[name]].parameter
+
+    def scales(self) -> np.ndarray:
+        """Typical change of each coordinate, shape (parameters,)."""
+        return np.array([min(1.0, p.typical / abs(p.default)) if p.coordinate == "log" and p.default else
+                         p.transform.scale(p.typical) for p in (slot.parameter for slot in self.slots)])
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Hard limits of the coordinates, each shape (parameters,)."""
+        ends = [slot.parameter.coordinate_bounds() for slot in self.slots]
+        return np.array([a for a, _ in ends]), np.array([b for _, b in ends])
+
+    def unit(self, name: str, u: np.ndarray) -> str:
+        """Unit of a parameter at coordinates `u`, powers that are parameters put in: N/m^q is N/m^1.4 at q = 1.4."""
+        slot = self.slots[self.index[name]]
+        text = slot.parameter.unit
+        for k, other in enumerate(self.slots):
+            if other.owner == slot.owner and "^" in text:
+                value = f"{other.parameter.transform.from_unconstrained(u[k]):.3g}"
+                text = re.sub(rf"\^{re.escape(other.parameter.name)}\b", "" if value == "1" else f"^{value}", text)
+        return text
+
+    def public(self, name: str, u: np.ndarray, sd: float) -> dict[str, Any]:
+        """Estimate, standard deviation and 95 % interval of a parameter in its public unit.
+
+        `u` has the coordinates of all, shape (parameters,), and `sd` is the deviation of its own.
+        """
+        transform, at = self.parameter(name).transform, float(u[self.index[name]])
+        value = transform.from_unconstrained(at)
+        low, high = transform.interval(at - 1.959964 * sd, at + 1.959964 * sd)
+        return {"estimate": value, "sd": transform.slope(value) * sd, "q025": low, "q975": high,
+                "unit": self.unit(name, u)}
+
+
+@final
+class ParameterSpace(AbstractSpace):
     """All parameters of a reference model and a family's effects, in one fixed order.
 
     Args:
@@ -78,13 +125,6 @@ class ParameterSpace:
         self.index = {slot.name: k for k, slot in enumerate(self.slots)}
         if len(self.index) != len(self.slots):
             raise InputError("two parameters of the model have the same name; give every effect an id of its own")
-
-    def __len__(self) -> int:
-        return len(self.slots)
-
-    def parameter(self, name: str) -> Parameter:
-        """Declaration of a parameter."""
-        return self.slots[self.index[name]].parameter
 
     def __eq__(self, other) -> bool:
         return isinstance(other, ParameterSpace) and self.key == other.key
@@ -134,16 +174,6 @@ class ParameterSpace:
                                  f"{', '.join(self.index)}")
         return np.array([s.parameter.transform.from_field(values.get(s.name, s.parameter.default)) for s in self.slots])
 
-    def scales(self) -> np.ndarray:
-        """Typical change of each coordinate, shape (parameters,)."""
-        return np.array([min(1.0, p.typical / abs(p.default)) if p.coordinate == "log" and p.default else
-                         p.transform.scale(p.typical) for p in (slot.parameter for slot in self.slots)])
-
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Hard limits of the coordinates, each shape (parameters,)."""
-        ends = [slot.parameter.coordinate_bounds() for slot in self.slots]
-        return np.array([a for a, _ in ends]), np.array([b for _, b in ends])
-
     @property
     def family(self) -> Family:
         """Of the records that the model describes."""
@@ -163,24 +193,3 @@ class ParameterSpace:
         """Names of the free parameters of the given owners (None: the reference model)."""
         owners = tuple(owners)
         return [s.name for s in self.slots if s.owner in owners and s.parameter.free]
-
-    def unit(self, name: str, u: np.ndarray) -> str:
-        """Unit of a parameter at coordinates `u`, powers that are parameters put in: N/m^q is N/m^1.4 at q = 1.4."""
-        slot = self.slots[self.index[name]]
-        text = slot.parameter.unit
-        for k, other in enumerate(self.slots):
-            if other.owner == slot.owner and "^" in text:
-                value = f"{other.parameter.transform.from_unconstrained(u[k]):.3g}"
-                text = re.sub(rf"\^{re.escape(other.parameter.name)}\b", "" if value == "1" else f"^{value}", text)
-        return text
-
-    def public(self, name: str, u: np.ndarray, sd: float) -> dict[str, Any]:
-        """Estimate, standard deviation and 95 % interval of a parameter in its public unit.
-
-        `u` has the coordinates of all, shape (parameters,), and `sd` is the deviation of its own.
-        """
-        transform, at = self.parameter(name).transform, float(u[self.index[name]])
-        value = transform.from_unconstrained(at)
-        low, high = transform.interval(at - 1.959964 * sd, at + 1.959964 * sd)
-        return {"estimate": value, "sd": transform.slope(value) * sd, "q025": low, "q975": high,
-                "unit": self.unit(name, u)}

@@ -4,10 +4,11 @@ All parameters of a space are present; a fit moves a few of them. Each record's 
 unknowns with their stated uncertainty as prior, eliminated by the bordered structure of the normal equations.
 """
 
+import abc
 import dataclasses as dc
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, final
 
 import equinox as eqx
 import jax
@@ -20,7 +21,7 @@ from .._errors import ComputationError
 from .._numerics import map_threads
 from .._settings import reserve_memory
 from .levenberg_marquardt import BorderedLevenbergMarquardt, eliminate_nuisances
-from .parameters import ParameterSpace
+from .parameters import AbstractSpace, ParameterSpace
 from .programs import call_kept
 from .stack import COSINE, SINE, ZERO, Records, Stack, is_added
 
@@ -287,12 +288,39 @@ class Solution:
         return spread @ spread.T
 
 
-class Problem:
+class AbstractProblem(abc.ABC):
+    """Least squares over some parameters, with the nuisances of records beside them."""
+
+    space: AbstractSpace
+    scales: np.ndarray  # typical change of each coordinate, shape (parameters,)
+    limits: tuple[np.ndarray, np.ndarray]  # of the coordinates, each shape (parameters,)
+
+    @abc.abstractmethod
+    def solve(self, free: Sequence[str], start: np.ndarray, z: np.ndarray | None = None, *, moving: bool = True,
+              tolerance: float = 1e-7, max_steps: int = 30) -> Solution:
+        """Fit the `free` parameters, and all nuisances, from the coordinates `start`, as `Problem.solve` does."""
+
+    @abc.abstractmethod
+    def is_whole(self, solution: Solution) -> bool:
+        """Whether a solution is of all samples, not of a part of them."""
+
+    def keep_inside(self, u: np.ndarray, columns: Sequence[int]) -> np.ndarray:
+        """Coordinates, those of `columns` a little inside their limits: who starts at a limit would never leave it."""
+        u, (low, high) = np.array(u, dtype=float), self.limits
+        inside = np.minimum(1e-3 * self.scales, 0.25 * (high - low))[columns]
+        u[..., columns] = np.clip(u[..., columns], low[columns] + inside, high[columns] - inside)
+        return u
+
+
+@final
+class Problem(AbstractProblem):
     """Records and a space of parameters, ready to be fitted.
 
     `priors` are Gaussian, by parameter name, as (mean, sd) of the coordinate, beside those of the errors that all
     records share.
     """
+
+    space: ParameterSpace
 
     def __init__(self, space: ParameterSpace, records: Records,
                  priors: Mapping[str, tuple[float, float]] | None = None):
@@ -301,6 +329,10 @@ class Problem:
         self.priors = {c.slot.name: (0.0, c.sd) for c in commons} | dict(priors or {})
         self.scales = space.scales()
         self.limits = space.bounds()
+
+    def is_whole(self, solution: Solution) -> bool:
+        """Whether a solution is of all samples, not of thinned records."""
+        return solution.residual.shape[1] == np.prod(self.records.stack.weights.shape[1:])
 
     def columns(self, wanted: Sequence[tuple[Sequence[str], np.ndarray]], z: np.ndarray, spare: int = 0) -> np.ndarray:
         """Whitened derivatives by coordinates, in units of their scales, without moving.
@@ -342,11 +374,7 @@ class Problem:
         columns = [self.space.index[name] for name in free]
         directions, scales = np.zeros((slots, len(self.space))), self.scales[columns]
         directions[np.arange(len(free)), columns] = scales
-        # Who starts at a limit starts a little inside, or would never leave it.
-        inside = np.minimum(1e-3 * self.scales, 0.25 * (self.limits[1] - self.limits[0]))[columns]
-        start = np.array(start, dtype=float)
-        start[..., columns] = np.clip(start[..., columns], self.limits[0][columns] + inside,
-                                      self.limits[1][columns] - inside)
+        start = self.keep_inside(start, columns)
         more = len(stack.present) - count
         base = np.broadcast_to(start, (count, len(self.space)))
         base = np.concatenate([base, np.broadcast_to(base[:1], (more, len(self.space)))])
