@@ -2,7 +2,7 @@
 
 import abc
 import html
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 
 # What long work calls: a sentence, and the fraction done (0 to 1), nan where that is not known.
@@ -22,3 +22,9 @@ class AbstractPrinted(abc.ABC):
         blocks = [f"<p><strong>{html.escape(' '.join(first.split()))}</strong></p>",
                   *(f"<pre>{html.escape(block)}</pre>" for block in others)]
         return "\n".join(["<div>", *blocks, "</div>"])
+
+
+def align_table(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a table: the first column to the left, all others to the right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]).rstrip() for row in rows]

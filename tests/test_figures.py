@@ -93,6 +93,15 @@ def check_apart(boxes):
         assert apart, (one, other)
 
 
+@pytest.mark.parametrize("narrow", [False, True])
+def test_forest_of_long_names(narrow):
+    own = {f"the campaign of ball number {k} and its arm": (1.0 + k, 0.5 + k, 1.5 + k) for k in range(9)}
+    check_layout(figures.draw_forest({
+        "viscoelastic-wall.k_v [N/m]": own | {"joint": (4.0, 3.9, 4.1)}, LONG: {"one": (1.0, -np.inf, np.inf)},
+        "restitution": {"one": (0.7, 0.69, 0.71), "joint": (0.7, 0.699, 0.701)}, "n": {"one": (1.0, 0.9, 1.1)}},
+        narrow))
+
+
 @pytest.mark.parametrize("make", [make_pulses, make_hour], ids=["impact", "hour"])
 def test_long_names_have_room(make):
     traces = make()

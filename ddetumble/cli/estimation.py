@@ -6,8 +6,22 @@ from typing import Annotated
 import typer
 
 from .._errors import InputError
-from .options import Effects, Fittable, Fix, Free, OptionalModel, Overwrite, OwnFile, Prior, command, place, read_source
-from .places import check_file, write_bytes, write_table
+from .options import (
+    Effects,
+    Fix,
+    Free,
+    OptionalModel,
+    Overwrite,
+    OwnFile,
+    Prior,
+    Texts,
+    command,
+    name_own,
+    option,
+    place,
+    read_source,
+)
+from .places import check_file, open_folder, write_bytes, write_table
 from .progress import show_progress
 
 
@@ -15,9 +29,12 @@ from .progress import show_progress
          "fit data/impact-b --effect adhesion -o fit",
          "fit data/impact-h -e arm-servo -e wall-stiffness --free wall-stiffness.q -o fit",
          'fit data/impact-b --fix "effective_mass=1.2 kg" --prior restitution=0.7+-0.05 -o fit',
-         "fit fits/impact-b/fit.toml")
+         "fit fits/impact-b/fit.toml", "fit normal oblique friction --own restitution -o ball",
+         "fit ball-1 ball-2 ball-3 ball-4 --population -o balls")
 def fit_parameters(
-    source: Fittable,
+    sources: Annotated[list[str], typer.Argument(
+        metavar="CAMPAIGN|fit.toml...", help="Campaign (folder or name of a shipped one), or a complete specification "
+        "of a fit. Several are fitted together: parameters of the same name are shared.")],
     model: OptionalModel = None,
     effect: Effects = None,
     effects_from: OwnFile = None,
@@ -25,12 +42,22 @@ def fit_parameters(
     fix: Fix = None,
     prior: Prior = None,
     output: Annotated[Path | None, place("Folder for result and model; for fit.toml, its own by default.")] = None,
+    own: Annotated[Texts, option("NAME", "Of several campaigns: each keeps this parameter for itself; may be "
+                                         "repeated.")] = None,
+    population: Annotated[bool, typer.Option(
+        "--population", help="The campaigns are of as many specimens (balls): estimate how far they differ.")] = False,
     overwrite: Overwrite = False,
 ):
     """Fit parameters, with their uncertainty and a statement of which of them the data cannot distinguish. If no model
-    is named, it is the paper's.
+    is named, it is the paper's. Several campaigns of one ball share its parameters, and the answer says whether they
+    agree; with --population each is of another ball.
     """
-    read = read_source(source, output, "fit", effects_from, model=model, effects=effect, free=free, fixed=fix,
+    if len(sources) > 1:
+        return _fit_several(sources, output, effects_from, model, effect, own or [], population, overwrite,
+                            bool(free or fix or prior))
+    if own or population:
+        raise InputError("--own and --population take several campaigns")
+    read = read_source(sources[0], output, "fit", effects_from, model=model, effects=effect, free=free, fixed=fix,
                        priors=prior)
     from ..inference.archive import FILE as MODEL_FILE
     from ..inference.estimation import fit
@@ -41,6 +68,44 @@ def fit_parameters(
         result.save(out.draft)
     typer.echo(str(result))
     typer.echo(f"Written to {read.folder}")
+
+
+def _fit_several(sources: list[str], output: Path | None, effects_from: Path | None, model: str | None,
+                 effects: Texts, own: list[str], population: bool, overwrite: bool, others: bool):
+    """Fit several campaigns together, or as specimens; an effect goes to those of a kind on which it acts."""
+    if others:
+        raise InputError("--free, --fix and --prior are of one campaign; give each of several a fit.toml, and name "
+                         "these files")
+    if population and own:
+        raise InputError("--own is for campaigns that share parameters; with --population they share none")
+    from ..contact.effect import family_of
+    from ..families import find_family, name_family
+    from ..figures import draw_forest, render_png
+    from ..inference.estimation import fit
+    from ..inference.joint import fit_jointly
+    from ..inference.models import resolve_effect
+    from ..inference.population import fit_population
+
+    named, found = name_own(effects or (), effects_from), []
+    for text in sources:
+        read = read_source(text, None, "", None, model=None, effects=None, free=None, fixed=None, priors=None)
+        if read.chosen:  # a specification says everything itself
+            accepted = find_family(name_family(read.measured)).accepts
+            read.chosen.update(model=model or "paper", effects=[
+                name for name in named if family_of(resolve_effect(name)) in accepted])
+        found.append(read)
+    for name in named:
+        if not any(name in read.chosen.get("effects", ()) for read in found):
+            raise InputError(f"effect {name!r} acts on the records of none of these campaigns")
+    ending = "population" if population else "joint"
+    with open_folder(output or Path(f"{found[0].name}-{ending}"), "fit", overwrite) as out, \
+            show_progress(f"fitting {found[0].name}") as report:
+        fits = [fit(read.measured, **read.chosen, progress=report) for read in found]
+        result = fit_population(fits) if population else fit_jointly(fits, own=own)
+        result.save(out.draft)
+        write_bytes(render_png(draw_forest(result.intervals)), out.draft / "estimates.png")
+    typer.echo(str(result))
+    typer.echo(f"Written to {out.path}")
 
 
 @command("predict", "Predict with a fitted model at new conditions, with uncertainty.",

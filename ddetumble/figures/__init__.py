@@ -5,6 +5,7 @@ drawn of them, the family's force where it is not given. `narrow` draws for a te
 """
 
 from .fit import draw_fit, draw_prediction, draw_records, draw_signatures, draw_values
+from .forest import draw_forest
 from .missing import draw_missing_rivals, draw_missing_shape
 from .planning import draw_map, draw_next_test, draw_power
 from .posterior import draw_corner, draw_left_out, draw_predictive, draw_prior_predictive, draw_ranks, draw_traces
@@ -21,7 +22,7 @@ from .style import new_figure, render_png, styled
 
 
 __all__ = [
-    "draw_corner", "draw_dependence", "draw_error_by_step", "draw_fit", "draw_left_out", "draw_map",
+    "draw_corner", "draw_dependence", "draw_error_by_step", "draw_fit", "draw_forest", "draw_left_out", "draw_map",
     "draw_missing_force", "draw_missing_rivals", "draw_missing_shape", "draw_next_test", "draw_noise_sizes",
     "draw_parameters", "draw_values", "draw_power", "draw_prediction", "draw_predictive",
     "draw_prior_predictive", "draw_ranking", "draw_ranks",

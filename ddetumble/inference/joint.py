@@ -3,7 +3,7 @@
 import collections
 import dataclasses as dc
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from pathlib import Path
 from typing import Any, NamedTuple, final
 
@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import stats
 
-from .._display import AbstractPrinted, Progress
+from .._display import AbstractPrinted, Progress, align_table
 from .._errors import ComputationError, InputError
 from ..contact.effect import parts_of
 from ..contact.law import PowerLaw
@@ -132,15 +132,15 @@ class JointProblem(AbstractProblem):
 
 
 class Agreement(NamedTuple):
-    r"""Whether campaigns agree on what they share: a likelihood-ratio test, and one of each parameter.
+    r"""Whether campaigns agree on what they share: a likelihood-ratio test, and Cochran's of each parameter.
 
-    `chi2` is by how much $\chi^2$ is larger with shared parameters than with each campaign's own, `degrees` how many
-    combinations of them are measured more than once, less one for each.
+    `chi2` is by how much $\chi^2$ is larger with shared parameters than with each campaign's own, and `degrees` how
+    many combinations of parameters are determined more often than once.
     """
 
     chi2: float
     degrees: int
-    p_value: float  # 1 where nothing is measured twice
+    p_value: float  # 1 where nothing is determined twice
     parameters: Mapping[str, Homogeneity]  # of the single fits' estimates, where two or more determine one
 
     @property
@@ -150,10 +150,9 @@ class Agreement(NamedTuple):
 
     @property
     def apart(self) -> tuple[str, ...]:
-        """Parameters on which the campaigns disagree, the worst first, where they disagree at all."""
-        found = {name: one.p_value for name, one in self.parameters.items()
-                 if one.p_value * len(self.parameters) < LEVEL and not self.agree}
-        return tuple(sorted(found, key=lambda name: found[name]))
+        """Parameters on which campaigns that disagree do so, the worst first."""
+        chances = {name: one.p_value for name, one in self.parameters.items() if not self.agree}
+        return tuple(sorted((n for n, p in chances.items() if p * len(chances) < LEVEL), key=lambda n: chances[n]))
 
 
 @final
@@ -162,110 +161,110 @@ class JointFit(AbstractPrinted):
     """One fit of several campaigns that share parameters.
 
     Attributes:
-        campaigns: their names, each once.
-        parameters: fitted ones in their public unit; one that is not shared and that several campaigns have bears the
+        parameters: fitted ones in their public unit. One that is not shared and that several campaigns have bears the
             campaign's name behind its own: `restitution (normal)`.
         shared: campaigns that share a parameter, by its name.
         covariance, correlations: of the coordinates of `parameters`, in their order.
         gaussians: of the coordinates, as in `Fit`.
-        chi2, degrees, chi2_reduced: sum of squares of all campaigns; degrees of freedom.
+        degrees: degrees of freedom.
         agreement: whether the campaigns agree on what they share.
         singles: the fit of each campaign by itself.
         fits: each campaign's model at the joint values and with their covariance, for `predict`, `design` and `report`.
-        converged, steps: of the optimiser.
         notes: sentences.
         problem, bounded: for those who go on computing.
     """
 
-    campaigns: tuple[str, ...]
     parameters: Mapping[str, Fitted]
     shared: Mapping[str, tuple[str, ...]]
     covariance: np.ndarray
     correlations: np.ndarray
     gaussians: Mapping[str, tuple[float, float, float, float]]
-    chi2: float
     degrees: int
-    chi2_reduced: float
     agreement: Agreement
     singles: Mapping[str, Fit]
     fits: Mapping[str, Fit]
-    converged: bool
-    steps: int
     notes: tuple[str, ...]
     problem: JointProblem
     bounded: Bounded
 
     def __repr__(self) -> str:
-        return f"<JointFit of {', '.join(self.campaigns)}: {len(self.shared)} shared parameters>"
+        return f"<JointFit of {self.campaign}: {len(self.shared)} shared parameters>"
 
     @property
     def campaign(self) -> str:
         """The names of all campaigns."""
-        return " + ".join(self.campaigns)
+        return " + ".join(self.singles)
 
     @property
     def space(self) -> JointSpace:
         """All joint parameters."""
         return self.problem.space
 
+    @property
+    def solution(self) -> Solution:
+        """The solution of the least squares."""
+        return self.bounded.solution
+
     def estimates(self, name: str) -> dict[str, Fitted]:
         """Estimates of a joint parameter by the single fits, by campaign."""
-        return {label: self.singles[label].parameters[own] for label, places in
-                zip(self.campaigns, self.space.places, strict=True) for own, joint in places.items() if joint == name}
+        return {label: single.parameters[own] for (label, single), places in zip(
+            self.singles.items(), self.space.places, strict=True) for own, joint in places.items() if joint == name}
 
     def narrowing(self, name: str) -> dict[str, float]:
         """How many times wider a parameter's 95 % interval is in the single fits, by campaign."""
         own = self.parameters[name]
-        width = own.q975 - own.q025
-        return {label: (one.q975 - one.q025) / width if width > 0 and one.determined else math.inf
+        return {label: (one.q975 - one.q025) / (own.q975 - own.q025) if one.determined else math.inf
                 for label, one in self.estimates(name).items()}
+
+    @property
+    def intervals(self) -> dict[str, dict[str, tuple[float, float, float]]]:
+        """Estimate and ends of the 95 % interval of every shared parameter by campaign, `joint` last.
+
+        Ends are infinite where it is not determined. `dd.figures.draw_forest` draws them.
+        """
+        return {label_parameter(name, self.parameters[name].unit): {
+            label: (p.estimate, *((p.q025, p.q975) if p.determined else (-math.inf, math.inf)))
+            for label, p in (self.estimates(name) | {"joint": self.parameters[name]}).items()} for name in self.shared}
 
     def __str__(self) -> str:
         """Whether the campaigns agree, and every parameter beside the estimates of the single fits."""
-        test = self.agreement
-        names = join_words(self.campaigns)
-        rise = f"chi-square is {test.chi2:.1f} larger than in single fits, over {test.degrees} degrees of freedom " \
-               f"(p = {test.p_value:.2g})"
+        test, names = self.agreement, join_words(self.singles)
+        rise = (f"sharing them raises chi-square by {test.chi2:.1f} over {test.degrees} degrees of freedom "
+                f"(p = {test.p_value:.2g})")
         if not test.degrees:
             first = f"{names} share {join_words(self.shared)}, and measure none of them twice."
         elif test.agree:
             first = f"{names} agree on {join_words(self.shared)}: {rise}."
         else:
-            apart = f"on {join_words(test.apart)}" if test.apart else "on a combination of what they share"
-            first = f"{names} disagree {apart}: {rise}. Intervals of shared parameters do not allow for that."
-        rows = [("parameter", "fit", "estimate", "95 % interval", "times narrower")]
+            apart = join_words(test.apart) or f"a combination of {join_words(self.shared)}"
+            first = f"{names} disagree on {apart}: {rise}. The joint intervals do not allow for that."
+        rows = [("parameter", "estimate", "95 % interval", "times narrower")]
         for name, p in self.parameters.items():
-            unit = f" [{p.unit}]" if p.unit else ""
-            rows.append((f"{name}{unit}", "joint", *_show(p), p.at_bound and f"at its {p.at_bound} bound"))
-            wider = self.narrowing(name)
-            rows += [("", label, *_show(one), format_number(wider[label], 2)) for label, one in
-                     self.estimates(name).items()]
-        counts = {label: one.samples for label, one in self.singles.items()}
-        ending = [f"chi-square {self.chi2:.6g} over {self.degrees} degrees of freedom "
-                  f"({self.chi2_reduced:.3g}), {sum(counts.values())} samples, "
-                  f"{'' if self.converged else 'not '}converged after {self.steps} steps", *self.notes]
-        return "\n\n".join([first, align(rows), "\n".join(ending)])
+            times, alone = self.narrowing(name), self.estimates(name)
+            rows += [(label_parameter(name, p.unit), *_show(p), ""),
+                     *((f"  {label}", *_show(one), format_number(times[label], 2)) for label, one in alone.items())]
+        solution = self.solution
+        state = f"{'C' if solution.converged else 'Not c'}onverged after {solution.steps} steps"
+        notes = [f"{state}: chi-square {solution.chi2:.6g}, {self.degrees} degrees of freedom.", *self.notes]
+        return "\n\n".join([first, "\n".join(align_table(rows)), "\n".join(notes)])
 
     def to_dict(self) -> dict[str, Any]:
         """Everything that JSON can hold."""
+        test, own = self.agreement, ("parameters", "shared", "covariance", "correlations", "degrees", "notes")
         return make_plain({
-            "schema": SCHEMA, "campaigns": self.campaigns, "names": list(self.parameters),
-            "sha256": {label: one.sha256 for label, one in self.singles.items()},
-            "models": {label: one.model_text for label, one in self.singles.items()},
-            "parameters": self.parameters, "shared": self.shared, "covariance": self.covariance,
-            "correlations": self.correlations, "chi2": self.chi2, "degrees": self.degrees,
-            "chi2_reduced": self.chi2_reduced,
-            "agreement": {**self.agreement._asdict(), "agree": self.agreement.agree, "apart": self.agreement.apart,
-                          "parameters": {k: v._asdict() for k, v in self.agreement.parameters.items()}},
+            "schema": SCHEMA, "campaigns": {label: {"sha256": one.sha256, "model": one.model_text}
+                                            for label, one in self.singles.items()},
+            "names": list(self.parameters), **{name: getattr(self, name) for name in own},
             "singles": {name: self.estimates(name) for name in self.parameters},
-            "narrowing": {name: self.narrowing(name) for name in self.shared}, "converged": self.converged,
-            "steps": self.steps, "notes": self.notes, "versions": list_versions()})
+            "agreement": test._asdict() | {"agree": test.agree, "apart": test.apart, "parameters": {
+                name: one._asdict() for name, one in test.parameters.items()}},
+            "chi2": self.solution.chi2, "converged": self.solution.converged, "versions": list_versions()})
 
     def save(self, folder: str | Path) -> Path:
         """Write `joint.json`, and for each campaign a folder as `Fit.save` does, from which predictions go on."""
         folder = check_folder(folder, "fit")
         for label, one in self.fits.items():
-            one.save(folder / label)
+            one.save(folder / label.replace("/", "-"))
         write_json(folder / FILE, self.to_dict())
         return folder
 
@@ -296,8 +295,6 @@ def fit_jointly(campaigns: Sequence[Measured], models: Models = "paper", *, own:
     if progress:
         progress("fitting all campaigns together", 0.85)
     space, shared, notes = join_spaces(singles, tuple(own))
-    problems = _share_priors(singles, space, shared)
-    joint = JointProblem(space, problems, [one.solution for one in singles.values()])
     start, bounds, names = np.zeros(len(space)), {}, list(space.index)
     for k, name in enumerate(names):
         known = [(one.gaussians[o], one.bounded.room(one.problem, o)) for one, places in
@@ -307,7 +304,13 @@ def fit_jointly(campaigns: Sequence[Measured], models: Models = "paper", *, own:
             raise InputError(f"the bounds of {name} in the campaigns have nothing in common")
         weights = np.array([1.0 / min(sd, 1e3) ** 2 for (_, sd, *_), _ in known])
         start[k] = np.clip(weights @ [mean for (mean, *_), _ in known] / weights.sum(), *bounds[name])
-    found = solve_bounded(joint, names, start, None, bounds)
+    assumed = {name for one in singles.values() for name in one.settings.get("assumed", ()) if name in shared}
+    for kept in (set(), assumed):  # what one campaign does not determine, another may
+        joint = JointProblem(space, _share_priors(singles, shared, assumed - kept),
+                             [one.solution for one in singles.values()])
+        found = solve_bounded(joint, names, start, None, bounds)
+        if not found.solution.failed and not assumed & {*analyse_fit(space, found.solution).undetermined}:
+            break
     if found.solution.failed:
         raise ComputationError(f"the joint fit could not be integrated for record {found.solution.failed[0]!r}; keep "
                                "parameters apart with `own`, or start from other single fits")
@@ -384,7 +387,7 @@ def identify(one: Fit | JointFit, name: str) -> tuple:
     of a power law, the condition that this is of.
     """
     if isinstance(one, JointFit):
-        label, own = next((label, own) for label, places in zip(one.campaigns, one.space.places, strict=True)
+        label, own = next((label, own) for label, places in zip(one.singles, one.space.places, strict=True)
                           for own, joint in places.items() if joint == name)
         return name, *identify(one.singles[label], own)[1:]
     p, laws = one.space.parameter(name), parts_of(one.space.reference)
@@ -392,28 +395,22 @@ def identify(one: Fit | JointFit, name: str) -> tuple:
         law, PowerLaw) and name in ("stiffness_force", "condition_exponent"))
 
 
-def _share_priors(fits: Mapping[str, Fit], space: JointSpace, shared: Mapping[str, Sequence[str]]) -> list[Problem]:
+def _share_priors(fits: Mapping[str, Fit], shared: Iterable[str], dropped: Set[str]) -> list[Problem]:
     """The problems of fits, with each prior of a shared parameter in one of them alone.
 
-    What was assumed because values of one campaign do not determine a parameter is dropped where another one does.
+    `dropped` are names of those that were only assumed, where the values of a campaign did not determine a parameter.
     """
     seen: dict[str, tuple[float, float]] = {}
     found = []
-    for label, one in fits.items():
-        kept = dict(one.problem.priors)
+    for one in fits.values():
+        kept = {name: prior for name, prior in one.problem.priors.items()
+                if name not in dropped or name not in one.settings.get("assumed", ())}
         for name in set(kept) & set(shared):
-            others = [fits[other] for other in shared[name] if other != label]
-            assumed = name in one.settings.get("assumed", ())
-            if assumed and any(other.parameters[name].determined and name not in other.settings.get("assumed", ())
-                               for other in others):
+            if seen.setdefault(name, kept[name]) != kept[name]:
+                raise InputError(f"the priors of {name} differ between the campaigns; give all the same, which then "
+                                 "counts once, or give it to one")
+            if any(name in problem.priors for problem in found):
                 del kept[name]
-            elif name in seen:
-                if seen[name] != kept[name]:
-                    raise InputError(f"the priors of {name} differ between the campaigns; give all the same, which "
-                                     "then counts once, or give it to one")
-                del kept[name]
-            else:
-                seen[name] = kept[name]
         same = kept == dict(one.problem.priors)
         found.append(one.problem if same else Problem(one.space, one.problem.records, kept))
     return found
@@ -433,7 +430,8 @@ def _test_agreement(singles: Mapping[str, Fit], joint: JointProblem, found: Boun
     for one, problem in zip(singles.values(), joint.problems, strict=True):
         own = one.solution
         if problem is not one.problem:
-            own = solve_bounded(problem, one.bounded.names, own.u, own.z, one.bounded.bounds).solution
+            again = solve_bounded(problem, one.bounded.names, own.u, own.z, one.bounded.bounds).solution
+            own = own if again.failed else again
         chi2, degrees = chi2 - own.chi2, degrees + count_directions(problem.space, own)
     tests = {}
     for name in shared:
@@ -473,10 +471,10 @@ def _summarise(singles: Mapping[str, Fit], joint: JointProblem, found: Bounded, 
     priors = sum(name in problem.priors for problem, places in zip(joint.problems, space.places, strict=True)
                  for name in places)
     degrees = sum(one.samples for one in singles.values()) + priors - len(solution.names)
-    told = [f"{name} is {p.text}." for name, p in parameters.items() if p.text]
-    return JointFit(tuple(singles), parameters, dict(shared), covariance, correlations, gaussians, solution.chi2,
-                    degrees, solution.chi2 / max(degrees, 1), _test_agreement(singles, joint, found, shared), singles,
-                    fits, solution.converged, solution.steps, (*notes, *told), joint, found)
+    told = [*(f"{name} is {p.text}." for name, p in parameters.items() if p.text),
+            *(f"{label}: {one.goodness}" for label, one in fits.items() if str(one.goodness))]
+    return JointFit(parameters, dict(shared), covariance, correlations, gaussians, degrees,
+                    _test_agreement(singles, joint, found, shared), singles, fits, (*notes, *told), joint, found)
 
 
 def _show(p: Fitted) -> tuple[str, str]:
@@ -487,8 +485,6 @@ def _show(p: Fitted) -> tuple[str, str]:
     return format_value(p.estimate, p.sd), f"{low} to {high}"
 
 
-def align(rows: Sequence[Sequence[str]]) -> str:
-    """Rows of cells as aligned columns, two spaces apart."""
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    return "\n".join("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-                     for row in rows)
+def label_parameter(name: str, unit: str) -> str:
+    """`mass [kg]`, or the name alone of a pure number."""
+    return f"{name} [{unit}]" if unit else name

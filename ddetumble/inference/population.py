@@ -6,13 +6,13 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple, final
 
-from .._display import Progress
+from .._display import Progress, align_table
 from .._errors import InputError
 from ..measurement.quantities import format_number, format_value, join_words
 from .files import AbstractWritten, list_versions, make_plain
 from .findings import Fit, Fitted
 from .goodness import LEVEL
-from .joint import JointFit, Measured, Models, align, fit_each, identify
+from .joint import JointFit, Measured, Models, fit_each, identify, label_parameter
 from .random_effects import FEWEST, Homogeneity, RandomEffects, estimate_random_effects
 
 
@@ -70,6 +70,14 @@ class PopulationFit(AbstractWritten):
     def __repr__(self) -> str:
         return f"<PopulationFit of {len(self.specimens)} specimens: {', '.join(self.parameters)}>"
 
+    @property
+    def intervals(self) -> dict[str, dict[str, tuple[float, float, float]]]:
+        """Estimate and 95 % interval of each parameter by specimen, and the `mean` last; for `dd.figures.draw_forest`.
+        """
+        return {label_parameter(name, p.unit): {
+            key: (one.alone.estimate, one.alone.q025, one.alone.q975) for key, one in p.specimens.items()} | {
+            "mean": (p.mean, p.q025, p.q975)} for name, p in self.parameters.items()}
+
     def __str__(self) -> str:
         """Which parameters differ from specimen to specimen, the population, and every specimen."""
         varying = [f"{name} (standard deviation {format_number(p.spread)} {p.unit}".rstrip() + f", p = {p.p_value:.2g})"
@@ -77,20 +85,20 @@ class PopulationFit(AbstractWritten):
         first = (f"The {len(self.specimens)} specimens differ in {join_words(varying)}." if varying else
                  f"The {len(self.specimens)} specimens do not differ by more than the noise of their records explains.")
         population = [("parameter", "mean", "95 % interval", "spread", "95 % interval", "p (no spread)")]
-        each = [("parameter", "specimen", "alone", "95 % interval", "with the others", "95 % interval")]
+        each = [("specimen", "alone", "95 % interval", "with the others", "95 % interval")]
         for name, p in self.parameters.items():
-            label, width = f"{name} [{p.unit}]" if p.unit else name, p.q975 - p.q025
-            low, high = (format_number(x) for x in (p.spread_q025, p.spread_q975))
-            population.append((label, format_value(p.mean, 0.25 * width), f"{format_value(p.q025, 0.25 * width)} to "
-                               f"{format_value(p.q975, 0.25 * width)}", format_number(p.spread),
-                               f"{low} to {high}" if math.isfinite(p.spread_q975) else "too few specimens",
-                               f"{p.p_value:.2g}"))
-            for k, (key, one) in enumerate(p.specimens.items()):
-                texts = [format_value(x, one.alone.sd) for x in (one.alone.estimate, one.alone.q025, one.alone.q975,
-                                                                 one.estimate, one.q025, one.q975)]
-                each.append((label if k == 0 else "", key, texts[0], f"{texts[1]} to {texts[2]}", texts[3],
-                             f"{texts[4]} to {texts[5]}"))
-        return "\n\n".join(part for part in (first, align(population), align(each), "\n".join(self.notes)) if part)
+            label, sd = label_parameter(name, p.unit), 0.25 * (p.q975 - p.q025)
+            mean, *ends = (format_value(x, sd) for x in (p.mean, p.q025, p.q975))
+            spread, *more = (format_number(x) for x in (p.spread, p.spread_q025, p.spread_q975))
+            population.append((label, mean, " to ".join(ends), spread, " to ".join(more) if math.isfinite(p.spread_q975)
+                               else "too few specimens", f"{p.p_value:.2g}"))
+            each.append((label, "", "", "", ""))
+            for key, one in p.specimens.items():
+                alone, a, b, shrunken, c, d = (format_value(x, one.alone.sd) for x in (
+                    one.alone.estimate, one.alone.q025, one.alone.q975, one.estimate, one.q025, one.q975))
+                each.append((f"  {key}", alone, f"{a} to {b}", shrunken, f"{c} to {d}"))
+        blocks = [first, *("\n".join(align_table(rows)) for rows in (population, each)), "\n".join(self.notes)]
+        return "\n\n".join(blocks).strip()
 
     def to_dict(self) -> dict[str, Any]:
         """What the file holds, as plain data."""
@@ -155,6 +163,7 @@ def fit_population(specimens: Sequence[Measured | JointFit], models: Models = "p
                          f"{FEWEST}.")
         if isinstance(first, Fit) and name in first.problem.priors:
             notes.append(f"The fits have a prior of {name}, which makes the specimens look more alike than they are.")
+    notes += [f"{label}: {one.goodness}" for label, one in fits.items() if isinstance(one, Fit) and str(one.goodness)]
     return PopulationFit(tuple(fits), parameters, effects, fits, tuple(notes))
 
 

@@ -2,13 +2,13 @@
 
 import dataclasses as dc
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._display import AbstractPrinted, Progress
+from .._display import AbstractPrinted, Progress, align_table
 from ..contact.transform import TRANSFORMS
 from ..inference.files import check_folder, list_fields, list_versions, make_plain, write_json, write_whole
 from .diagnostics import Convergence
@@ -251,9 +251,3 @@ def summarise_posterior(target: AbstractTarget, sampler: str, settings: Mapping[
                 break
     return Posterior(target, sampler, dict(settings), x, log_density, convergence, dict(statistics), parameters, state,
                      tuple(notes))
-
-
-def align_table(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines of a table: the first column to the left, all others to the right."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows]

@@ -17,7 +17,7 @@ import numpy as np
 import pydantic
 from scipy import optimize
 
-from .._display import AbstractPrinted, Progress
+from .._display import AbstractPrinted, Progress, align_table
 from .._errors import ComputationError, InputError
 from .._sentences import say
 from .._settings import list_shipped
@@ -34,7 +34,6 @@ from ..inference.stack import stack_records
 from ..measurement.campaign import Campaign
 from .loo import COSTLY, Scores, add_up, limit_shape, score_conditions, smooth_weights
 from .proposal import Mixture, describe_draws, seed_random, start_mixture
-from .result import align_table
 from .target import TOO_UNCERTAIN, CampaignTarget, pose_fit
 
 
