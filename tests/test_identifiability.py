@@ -141,7 +141,7 @@ class Valley:
         self.space = SimpleNamespace(
             index={n: k for k, n in enumerate(names)}, slots=[SimpleNamespace(owner=o) for o in owners],
             family=SimpleNamespace(free_running=free_running), parameter=lambda name: plain)
-        self.records = SimpleNamespace(stack=SimpleNamespace(weights=np.ones((2, 2, rows))))
+        self.is_whole = lambda solution: solution.residual.shape[1] == 2 * rows
         self.limits = np.full(3, -1e3), np.full(3, 1e3)
         self.names, self.sd = names, np.sqrt(np.diag(np.linalg.inv(self.matrix.T @ self.matrix)))
         self.solution = SimpleNamespace(names=names, u=np.array([3.0, -2.0, 1.0]), z=None, chi2=50.0,

@@ -244,8 +244,8 @@ class JointFit(AbstractPrinted):
             rows += [(label_parameter(name, p.unit), *_show(p), ""),
                      *((f"  {label}", *_show(one), format_number(times[label], 2)) for label, one in alone.items())]
         solution = self.solution
-        state = f"{'C' if solution.converged else 'Not c'}onverged after {solution.steps} steps"
-        notes = [f"{state}: chi-square {solution.chi2:.6g}, {self.degrees} degrees of freedom.", *self.notes]
+        notes = [f"{'Converged' if solution.converged else 'Not converged'} ({solution.steps} steps): chi-square "
+                 f"{solution.chi2:.6g}, {self.degrees} degrees of freedom.", *self.notes]
         return "\n\n".join([first, "\n".join(align_table(rows)), "\n".join(notes)])
 
     def to_dict(self) -> dict[str, Any]:

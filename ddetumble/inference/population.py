@@ -17,6 +17,7 @@ from .random_effects import FEWEST, Homogeneity, RandomEffects, estimate_random_
 
 
 SCHEMA = "ddetumble.population/1"
+LEAST = 1e-9  # p-value below which it is not told: no error is normal so far out
 
 
 class Specimen(NamedTuple):
@@ -80,7 +81,7 @@ class PopulationFit(AbstractWritten):
 
     def __str__(self) -> str:
         """Which parameters differ from specimen to specimen, the population, and every specimen."""
-        varying = [f"{name} (standard deviation {format_number(p.spread)} {p.unit}".rstrip() + f", p = {p.p_value:.2g})"
+        varying = [f"{name} (standard deviation {format_number(p.spread)} {p.unit}".rstrip() + f"; p: {_show_p(p)})"
                    for name, p in self.parameters.items() if p.varies]
         first = (f"The {len(self.specimens)} specimens differ in {join_words(varying)}." if varying else
                  f"The {len(self.specimens)} specimens do not differ by more than the noise of their records explains.")
@@ -91,7 +92,7 @@ class PopulationFit(AbstractWritten):
             mean, *ends = (format_value(x, sd) for x in (p.mean, p.q025, p.q975))
             spread, *more = (format_number(x) for x in (p.spread, p.spread_q025, p.spread_q975))
             population.append((label, mean, " to ".join(ends), spread, " to ".join(more) if math.isfinite(p.spread_q975)
-                               else "too few specimens", f"{p.p_value:.2g}"))
+                               else "too few specimens", _show_p(p)))
             each.append((label, "", "", "", ""))
             for key, one in p.specimens.items():
                 alone, a, b, shrunken, c, d = (format_value(x, one.alone.sd) for x in (
@@ -165,6 +166,11 @@ def fit_population(specimens: Sequence[Measured | JointFit], models: Models = "p
             notes.append(f"The fits have a prior of {name}, which makes the specimens look more alike than they are.")
     notes += [f"{label}: {one.goodness}" for label, one in fits.items() if isinstance(one, Fit) and str(one.goodness)]
     return PopulationFit(tuple(fits), parameters, effects, fits, tuple(notes))
+
+
+def _show_p(p: PopulationParameter) -> str:
+    """The p-value of there being no spread."""
+    return f"{p.p_value:.2g}" if p.p_value > LEAST else f"< {LEAST:g}"
 
 
 def _is_assumed(one: Fit | JointFit, name: str) -> bool:

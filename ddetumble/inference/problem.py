@@ -8,7 +8,7 @@ import abc
 import dataclasses as dc
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import NamedTuple, final
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -312,7 +312,6 @@ class AbstractProblem(abc.ABC):
         return u
 
 
-@final
 class Problem(AbstractProblem):
     """Records and a space of parameters, ready to be fitted.
 
