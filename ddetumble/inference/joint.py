@@ -169,7 +169,8 @@ class JointFit(AbstractPrinted):
         degrees: degrees of freedom.
         agreement: whether the campaigns agree on what they share.
         singles: the fit of each campaign by itself.
-        fits: each campaign's model at the joint values and with their covariance, for `predict`, `design` and `report`.
+        fits: each campaign's model at the joint values and with their covariance, for `predict`, `design` and `report`;
+            what fits it anew, as `profile` and `sample` do, has that campaign's records only.
         notes: sentences.
         problem, bounded: for those who go on computing.
     """
@@ -226,27 +227,33 @@ class JointFit(AbstractPrinted):
             label: (p.estimate, *((p.q025, p.q975) if p.determined else (-math.inf, math.inf)))
             for label, p in (self.estimates(name) | {"joint": self.parameters[name]}).items()} for name in self.shared}
 
-    def __str__(self) -> str:
-        """Whether the campaigns agree, and every parameter beside the estimates of the single fits."""
+    @property
+    def sentence(self) -> str:
+        """Whether the campaigns agree."""
         test, names = self.agreement, join_words(self.singles)
+        if not test.degrees:
+            return f"{names} share {join_words(self.shared)}, and measure none of them twice."
         rise = (f"sharing them raises chi-square by {test.chi2:.1f} over {test.degrees} degrees of freedom "
                 f"(p = {test.p_value:.2g})")
-        if not test.degrees:
-            first = f"{names} share {join_words(self.shared)}, and measure none of them twice."
-        elif test.agree:
-            first = f"{names} agree on {join_words(self.shared)}: {rise}."
-        else:
-            apart = join_words(test.apart) or f"a combination of {join_words(self.shared)}"
-            first = f"{names} disagree on {apart}: {rise}. The joint intervals do not allow for that."
+        if test.agree:
+            return f"{names} agree on {join_words(self.shared)}: {rise}."
+        apart = join_words(test.apart) or f"a combination of {join_words(self.shared)}"
+        return f"{names} disagree on {apart}: {rise}. The joint intervals do not allow for that."
+
+    @property
+    def tables(self) -> list[list[tuple[str, ...]]]:
+        """Rows of cells: every parameter and, below it, the estimates of the single fits."""
         rows = [("parameter", "estimate", "95 % interval", "times narrower")]
         for name, p in self.parameters.items():
             times, alone = self.narrowing(name), self.estimates(name)
             rows += [(label_parameter(name, p.unit), *_show(p), ""),
                      *((f"  {label}", *_show(one), format_number(times[label], 2)) for label, one in alone.items())]
-        solution = self.solution
-        notes = [f"{'Converged' if solution.converged else 'Not converged'} ({solution.steps} steps): chi-square "
-                 f"{solution.chi2:.6g}, {self.degrees} degrees of freedom.", *self.notes]
-        return "\n\n".join([first, "\n".join(align_table(rows)), "\n".join(notes)])
+        return [rows]
+
+    def __str__(self) -> str:
+        """Whether the campaigns agree, and every parameter beside the estimates of the single fits."""
+        return "\n\n".join([self.sentence, *("\n".join(align_table(rows)) for rows in self.tables),
+                            "\n".join(self.notes)])
 
     def to_dict(self) -> dict[str, Any]:
         """Everything that JSON can hold."""
@@ -346,6 +353,10 @@ def join_spaces(fits: Mapping[str, Fit], own: Sequence[str] = ()
     for label, one in fits.items():
         for name in one.parameters:
             kinds[identify(one, name)].append(label)
+    together: dict[str, tuple] = {}  # of each name the first meaning that two campaigns have in common
+    for kind, labels in kinds.items():
+        if len(labels) > 1:
+            together.setdefault(kind[0], kind)
     fitted = collections.Counter(name for one in fits.values() for name in one.parameters)
     for name in own:
         if name not in fitted:
@@ -357,9 +368,9 @@ def join_spaces(fits: Mapping[str, Fit], own: Sequence[str] = ()
     for label, one in fits.items():
         names, apart = {}, {*own, *(common.slot.name for common in one.space.commons)}
         for name in one.parameters:
-            slot, alike = one.space.slots[one.space.index[name]], kinds[identify(one, name)]
-            if len(alike) > 1 and name not in apart:
-                shared[name] = tuple(alike)
+            slot, kind = one.space.slots[one.space.index[name]], identify(one, name)
+            if together.get(name) == kind and name not in apart:
+                shared[name] = tuple(kinds[kind])
                 names[name], owner = name, slot.owner
             else:
                 names[name] = name if fitted[name] == 1 else f"{name} ({label})"
@@ -451,6 +462,7 @@ def _summarise(singles: Mapping[str, Fit], joint: JointProblem, found: Bounded, 
     known = analyse_fit(space, solution)
     parameters, covariance, correlations, gaussians = estimate_parameters(joint, found, known, start)
     index = {name: k for k, name in enumerate(parameters)}
+    state = f"{'' if solution.converged else 'not '}converged after {solution.steps} steps"
     fits = {}
     for (label, one), places, problem, at in zip(singles.items(), space.places, joint.problems,
                                                  joint.evaluate(solution.names, solution.u), strict=True):
@@ -464,17 +476,19 @@ def _summarise(singles: Mapping[str, Fit], joint: JointProblem, found: Bounded, 
                              places.items()}, covariance=covariance[rows], correlations=correlations[rows],
             derived=derive_quantities(one.space, at.u, own, covariance[rows]), gaussians=own, chi2=at.chi2,
             chi2_reduced=at.chi2 / max(one.degrees, 1), goodness=judge_goodness(at.chi2, one.degrees, pulls),
-            nuisances=shifts, cannot_tell_apart=(), remedies=(), problem=problem,
+            nuisances=shifts, cannot_tell_apart=(), remedies=(), problem=problem, converged=solution.converged,
+            steps=solution.steps, state=state,
             notes=(*one.notes, f"Fitted together with {join_words(x for x in singles if x != label)}."),
             bounded=Bounded(at, tuple(places), {o: found.held[n] for o, n in places.items() if n in found.held},
                             {o: found.bounds[n] for o, n in places.items()}))
     priors = sum(name in problem.priors for problem, places in zip(joint.problems, space.places, strict=True)
                  for name in places)
     degrees = sum(one.samples for one in singles.values()) + priors - len(solution.names)
-    told = [*(f"{name} is {p.text}." for name, p in parameters.items() if p.text),
+    told = [f"The joint fit has {state}: chi-square {solution.chi2:.6g}, {degrees} degrees of freedom.",
+            *(f"{name} is {p.text}." for name, p in parameters.items() if p.text),
             *(f"{label}: {one.goodness}" for label, one in fits.items() if str(one.goodness))]
     return JointFit(parameters, dict(shared), covariance, correlations, gaussians, degrees,
-                    _test_agreement(singles, joint, found, shared), singles, fits, (*notes, *told), joint, found)
+                    _test_agreement(singles, joint, found, shared), singles, fits, (*told, *notes), joint, found)
 
 
 def _show(p: Fitted) -> tuple[str, str]:

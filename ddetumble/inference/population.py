@@ -79,12 +79,18 @@ class PopulationFit(AbstractWritten):
             key: (one.alone.estimate, one.alone.q025, one.alone.q975) for key, one in p.specimens.items()} | {
             "mean": (p.mean, p.q025, p.q975)} for name, p in self.parameters.items()}
 
-    def __str__(self) -> str:
-        """Which parameters differ from specimen to specimen, the population, and every specimen."""
+    @property
+    def sentence(self) -> str:
+        """Which parameters differ from specimen to specimen."""
         varying = [f"{name} (standard deviation {format_number(p.spread)} {p.unit}".rstrip() + f"; p: {_show_p(p)})"
                    for name, p in self.parameters.items() if p.varies]
-        first = (f"The {len(self.specimens)} specimens differ in {join_words(varying)}." if varying else
-                 f"The {len(self.specimens)} specimens do not differ by more than the noise of their records explains.")
+        told = (f"differ in {join_words(varying)}" if varying else
+                "do not differ by more than the noise of their records explains")
+        return f"The {len(self.specimens)} specimens {told}."
+
+    @property
+    def tables(self) -> list[list[tuple[str, ...]]]:
+        """Rows of cells: the population, and every specimen."""
         population = [("parameter", "mean", "95 % interval", "spread", "95 % interval", "p (no spread)")]
         each = [("specimen", "alone", "95 % interval", "with the others", "95 % interval")]
         for name, p in self.parameters.items():
@@ -98,8 +104,12 @@ class PopulationFit(AbstractWritten):
                 alone, a, b, shrunken, c, d = (format_value(x, one.alone.sd) for x in (
                     one.alone.estimate, one.alone.q025, one.alone.q975, one.estimate, one.q025, one.q975))
                 each.append((f"  {key}", alone, f"{a} to {b}", shrunken, f"{c} to {d}"))
-        blocks = [first, *("\n".join(align_table(rows)) for rows in (population, each)), "\n".join(self.notes)]
-        return "\n\n".join(blocks).strip()
+        return [population, each]
+
+    def __str__(self) -> str:
+        """Which parameters differ from specimen to specimen, the population, and every specimen."""
+        return "\n\n".join([self.sentence, *("\n".join(align_table(rows)) for rows in self.tables),
+                            "\n".join(self.notes)]).strip()
 
     def to_dict(self) -> dict[str, Any]:
         """What the file holds, as plain data."""
