@@ -233,13 +233,15 @@ def test_spread_of_estimates_with_equal_errors():
     assert found.spread**2 == pytest.approx(square, rel=1e-3) and found.mean == pytest.approx(theta.mean())
     assert found.spread**2 == pytest.approx((found.homogeneity.q - 4) * error**2 / 4, rel=1e-3)
     assert found.mean_sd == pytest.approx(theta.std(ddof=1) / math.sqrt(5), rel=1e-3)
-    kept = found.spread**2 / (found.spread**2 + error**2)
-    np.testing.assert_allclose(found.shrunken, theta.mean() + kept * (theta - theta.mean()), rtol=1e-6)
+    sure = estimate_random_effects(theta, [1e-4] * 5)
+    np.testing.assert_allclose(sure.shrunken, theta, atol=1e-4)
+    np.testing.assert_allclose(sure.shrunken_sd, 1e-4, rtol=0.01)
+    assert np.ptp(found.shrunken) < np.ptp(theta) and np.all(np.argsort(found.shrunken) == np.argsort(theta))
     ends = [measure_heterogeneity(theta, [error] * 5, tau).q for tau in found.spread_interval]
     np.testing.assert_allclose(ends, stats.chi2.ppf([0.975, 0.025], 4), rtol=1e-3)
     none = estimate_random_effects(theta, [2.0] * 5)
     assert none.spread == 0.0 and none.p_value == 1.0 and none.spread_interval[0] == 0.0 < none.spread_interval[1]
-    np.testing.assert_allclose(none.shrunken, theta.mean())
+    assert np.ptp(none.shrunken) < 0.3 * np.ptp(theta)
 
 
 def test_few_specimens_have_no_interval_of_the_spread():
@@ -261,7 +263,7 @@ def test_random_effects_hold_what_they_say(spread):
         inside += found.spread_interval[0] <= spread <= found.spread_interval[1]
         each += np.mean(np.abs(found.shrunken - truth) <= 1.96 * found.shrunken_sd)
         alarms += found.p_value < 0.05
-    assert mean / count > 0.92 and inside / count > 0.92 and each / count > 0.85
+    assert mean / count > 0.92 and inside / count > 0.92 and each / count > 0.92
     assert alarms / count < 0.08 if spread == 0 else alarms / count > (0.3 if spread == 1.0 else 0.99)
 
 

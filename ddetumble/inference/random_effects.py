@@ -3,6 +3,7 @@ r"""Random effects: how far specimens differ beyond their errors, from one estim
 $\theta_i \sim N(\mu, \tau^2 + s_i^2)$ with known $s_i$ and weights $w_i = 1/(\tau^2 + s_i^2)$.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from scipy import optimize, stats
 from .variance_components import EXCLUDED, lose_restricted
 
 
+POINTS = 100  # of the integral over spreads
 FEWEST = 4  # specimens with which a spread has an interval worth telling: below, it spans more than a factor of ten
 
 
@@ -55,7 +57,9 @@ def estimate_random_effects(estimates: ArrayLike, sds: ArrayLike) -> RandomEffec
     the estimates differ by less than their errors would have it, so that no $\tau$ does, it ends where the restricted
     likelihood excludes more. The likelihood ratio of $\tau = 0$, at the edge of what $\tau$ may be, is 0 or $\chi^2_1$
     with a chance of one half each (Self & Liang 1987, JASA 82, 605). The interval of the mean is Student's, with the
-    factor of Hartung & Knapp (2001, Stat. Med. 20, 3875) where it is above 1.
+    factor of Hartung & Knapp (2001, Stat. Med. 20, 3875) where it is above 1. The specimens' estimates are means over
+    all $\tau$, which a priori are alike (Gelman 2006, Bayesian Anal. 1, 515): with the best one alone, their errors
+    would be too small where it is 0.
     """
     theta, errors = np.asarray(estimates, dtype=float), np.asarray(sds, dtype=float)
     count, ones = len(theta), np.ones(len(theta))
@@ -86,8 +90,22 @@ def estimate_random_effects(estimates: ArrayLike, sds: ArrayLike) -> RandomEffec
     mean, factor = float(weights @ theta / weights.sum()), measure_heterogeneity(theta, errors, spread).q / (count - 1)
     sd = float(np.sqrt(max(factor, 1.0) / weights.sum()))
     half = sd * float(stats.t.ppf(0.975, count - 1))
-    kept = spread**2 * weights
+    shrunken, shrunken_sd = _average_shrunken(theta, errors, lose, 2.0 * ends[1] if np.isfinite(ends[1]) else most)
     return RandomEffects(
         mean, sd, (mean - half, mean + half), spread, (ends[0], ends[1]),
-        0.5 * float(stats.chi2.sf(ratio, 1)) if spread > 0 else 1.0, measure_heterogeneity(theta, errors),
-        mean + kept * (theta - mean), np.sqrt(kept * errors**2 + (1.0 - kept) ** 2 * sd**2))
+        0.5 * float(stats.chi2.sf(ratio, 1)) if spread > 0 else 1.0, measure_heterogeneity(theta, errors), shrunken,
+        shrunken_sd)
+
+
+def _average_shrunken(theta: np.ndarray, errors: np.ndarray, lose: Callable[[float], float], top: float
+                      ) -> tuple[np.ndarray, np.ndarray]:
+    """Means and standard deviations of the specimens' values over spreads up to `top`, by their likelihood."""
+    spreads = np.linspace(0.0, top, POINTS)
+    losses = np.array([lose(float(spread)) for spread in spreads])
+    chance = np.exp(-0.5 * (losses - losses.min()))[:, None]
+    weights = 1.0 / (errors**2 + spreads[:, None] ** 2)
+    total = weights.sum(axis=1, keepdims=True)
+    mean, kept = (weights @ theta)[:, None] / total, spreads[:, None] ** 2 * weights
+    values, variances = mean + kept * (theta - mean), kept * errors**2 + (1.0 - kept) ** 2 / total
+    best = (chance * values).sum(axis=0) / chance.sum()
+    return best, np.sqrt((chance * (variances + (values - best) ** 2)).sum(axis=0) / chance.sum())
