@@ -313,3 +313,37 @@ def test_the_command_line(tmp_path, capsys, monkeypatch):
                   ["part-2", "--fix", "restitution=0.7"], ["part-2", "-e", "stribeck"]):
         assert main(["fit", "part-1", *wrong]) == 2
         assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.study
+def test_joint_intervals_cover(tmp_path):
+    """Of thirty balls, each in three kinds of test, joint intervals hold the truth and campaigns are said to agree."""
+    inside, apart = [], 0
+    for k in range(30):
+        fits = [dd.fit(make_normal(tmp_path / f"normal-{k}", 1000 + k)),
+                dd.fit(make_oblique(tmp_path / f"oblique-{k}", 2000 + k), free=["loss_factor"]),
+                dd.fit(make_friction(tmp_path / f"friction-{k}", 3000 + k))]
+        joint = dd.fit_jointly(fits)
+        apart += not joint.agreement.agree
+        for name in joint.shared:
+            p = joint.parameters[name]
+            inside.append(p.q025 <= (BALL | RUBBER)[name] <= p.q975)
+            assert all(wider > 1.0 for wider in joint.narrowing(name).values())
+    assert len(inside) == 120 and np.mean(inside) > 0.89 and apart <= 2
+
+
+@pytest.mark.study
+@pytest.mark.parametrize(("spread", "least", "most"), [(0.0, 0, 1), (0.06, 7, 15), (0.15, 15, 15)])
+def test_spreads_that_are_found(tmp_path, spread, least, most):
+    """How often a spread of the stiffness is found in eight balls, each known to 3 %, and covered by its interval."""
+    found = inside = 0
+    for k in range(15):
+        stiffness = 1500.0 * (1.0 + spread * np.random.default_rng(50 + k).standard_normal(8))
+        fits = [make_normal(tmp_path / f"{k}-{i}", 10000 + 100 * k + i, effects={"wall-stiffness": {"k_w": float(x)}})
+                for i, x in enumerate(stiffness)]
+        result = dd.fit_population(fits, dd.Ball() + dd.effects.WallStiffness())
+        wall = result.parameters["wall-stiffness.k_w"]
+        found += wall.varies
+        inside += wall.spread_q025 <= spread * 1500.0 <= wall.spread_q975
+        assert not any(result.parameters[name].varies for name in BALL)
+    assert least <= found <= most and inside >= 12

@@ -33,7 +33,7 @@ from .progress import show_progress
          "fit ball-1 ball-2 ball-3 ball-4 --population -o balls")
 def fit_parameters(
     sources: Annotated[list[str], typer.Argument(
-        metavar="CAMPAIGN|fit.toml...", help="Campaign (folder or name of a shipped one), or a complete specification "
+        metavar="CAMPAIGN|fit.toml", help="Campaign (folder or name of a shipped one), or a complete specification "
         "of a fit. Several are fitted together: parameters of the same name are shared.")],
     model: OptionalModel = None,
     effect: Effects = None,
@@ -41,7 +41,7 @@ def fit_parameters(
     free: Free = None,
     fix: Fix = None,
     prior: Prior = None,
-    output: Annotated[Path | None, place("Folder for result and model; for fit.toml, its own by default.")] = None,
+    output: Annotated[Path | None, place("Folder for result and model; for one fit.toml, its own by default.")] = None,
     own: Annotated[Texts, option("NAME", "Of several campaigns: each keeps this parameter for itself; may be "
                                          "repeated.")] = None,
     population: Annotated[bool, typer.Option(
