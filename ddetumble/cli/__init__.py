@@ -14,10 +14,12 @@ import typer
 from .failures import run_guarded, tell_stopped
 from .interrupts import watch_interrupts
 from .options import app, show_examples
+from .places import words_now
 
 
 # In the order in which the help lists their commands.
-for _module in ("story", "measurement", "selection", "estimation", "catalogue", "sampling", "planning", "upkeep"):
+for _module in ("story", "measurement", "selection", "estimation", "catalogue", "sampling", "planning", "repeating",
+                "upkeep"):
     importlib.import_module(f".{_module}", __name__)
 
 
@@ -58,7 +60,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments is None:
         watch_interrupts(tell_stopped)
     words = list(sys.argv[1:] if arguments is None else arguments)
-    return run_guarded(lambda: app(words, prog_name="ddetumble", standalone_mode=False), words)
+    token = words_now.set(tuple(words))
+    try:
+        return run_guarded(lambda: app(words, prog_name="ddetumble", standalone_mode=False), words)
+    finally:
+        words_now.reset(token)
 
 
 __all__ = ["app", "main"]

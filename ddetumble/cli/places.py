@@ -14,8 +14,9 @@ import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextvars import ContextVar
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from .. import _settings
 from .._errors import InputError
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 
 # In every folder that commands wrote to: the files of each command, so that --overwrite removes these and no others.
 RECORD, SCHEMA = ".ddetumble.json", "ddetumble.output/1"
+MADE = "made"  # in the record: words, inputs and versions of each command, by which `ddetumble rerun` makes it again
+words_now: ContextVar[tuple[str, ...]] = ContextVar("words_now", default=())  # of the command that runs
 # In the names of drafts, between that of their place and random letters: eight digits for the machine, as on a shared
 # disk a lock may hold among the processes of one machine alone.
 DRAFT = f"-ddetumble-{hashlib.sha256(platform.node().encode()).hexdigest()[:8]}-"
@@ -159,9 +162,14 @@ def _refuse_taken(path: Path, overwrite: bool, beside: Sequence[str], resumes: S
 def _publish(draft: Path, path: Path, command: str, shared: bool) -> None:
     """Move a finished draft to its place, and remove what earlier commands wrote there and this one did not."""
     new = sorted(file.relative_to(draft).as_posix() for file in draft.rglob("*") if not file.is_dir())
-    before = _read_record(path)
+    before, made = _read_record(path), _read_record(path, MADE)
     kept = {name: files for name, files in before.items() if shared and name != command}
-    content = {"schema": SCHEMA, "files": kept | {command: new}}
+    content: dict[str, Any] = {"schema": SCHEMA, "files": kept | {command: new}}
+    if words_now.get():
+        from ..inference.files import list_versions
+
+        now = {"words": words_now.get(), "inputs": list_inputs(words_now.get(), path), "versions": list_versions()}
+        content[MADE] = {name: how for name, how in made.items() if name in kept} | {command: now}
     (draft / RECORD).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     try:
         if not path.exists():
@@ -179,14 +187,37 @@ def _publish(draft: Path, path: Path, command: str, shared: bool) -> None:
         raise InputError(f"the results cannot be put into the folder ({_reason(error)})", file=path) from None
 
 
-def _read_record(path: Path) -> dict[str, list[str]]:
-    """Files that commands wrote into a folder, by command; names that lead out of it are none."""
+def _read_record(path: Path, key: str = "files") -> dict[str, Any]:
+    """Files that commands wrote into a folder, by command, without names that lead out of it; or how they were made."""
     try:
-        files = json.loads((path / RECORD).read_text(encoding="utf-8"))["files"]
+        found = json.loads((path / RECORD).read_text(encoding="utf-8")).get(key, {})
+        if key == MADE:
+            return {str(name): dict(how) for name, how in found.items()}
         return {str(name): [str(one) for one in own if not Path(one).is_absolute() and ".." not in Path(one).parts]
-                for name, own in files.items()}
+                for name, own in found.items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return {}
+
+
+def list_inputs(words: Sequence[str], output: Path) -> dict[str, str]:
+    """SHA-256 of every file and folder that words of a command name, by that word; shipped campaigns among them."""
+    found = {}
+    for word in words:
+        name = word.split("=", 1)[1] if word.startswith("--") and "=" in word else word
+        path = next((one for one in (Path(name), find_data() / name) if name and one.exists()), None)
+        if path is not None and path.resolve() not in (output.resolve(), Path().resolve()):
+            found[name] = hash_place(path)
+    return found
+
+
+def hash_place(path: Path) -> str:
+    """SHA-256 of a file, or of a folder's visible files with their names."""
+    digest = hashlib.sha256()
+    for file in [path] if path.is_file() else sorted(one for one in path.rglob("*") if one.is_file()):
+        parts = file.relative_to(path).parts
+        if not any(part.startswith(".") for part in parts):
+            digest.update("/".join(parts).encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()
 
 
 def _remove(folder: Path, names: Iterable[str]) -> None:
