@@ -44,6 +44,8 @@ from .posterior.sampling import sample as sample
 from .posterior.stacking import average as average
 from .reconstruct.force import identify as identify
 from .reports import report as report
+from .reports.citation import Citation as Citation
+from .reports.citation import citation as citation
 from .selection.compare import Comparison as Comparison
 from .selection.compare import Comparisons as Comparisons
 from .selection.compare import compare as compare

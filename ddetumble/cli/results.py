@@ -1,4 +1,4 @@
-"""Results made again: the command, inputs and versions that a folder of results keeps, and what differs now."""
+"""Commands about results that are there: `rerun` makes them again and says what differs, `cite` says it in a paper."""
 
 import contextlib
 import csv
@@ -16,7 +16,7 @@ import typer
 from .._errors import InputError
 from .._settings import find_data
 from .options import app, command, option
-from .places import MADE, RECORD, hash_place
+from .places import MADE, RECORD, hash_place, locate_fit
 
 
 OUTPUT = ("-o", "--output")
@@ -103,6 +103,14 @@ def make_again(
         if len(found) > MOST:
             typer.echo(f"- and {len(found) - MOST} more")
     return 1 if different else None
+
+
+@command("cite", "A methods paragraph and BibTeX references for a paper, made from a result.", "cite discovery")
+def cite_result(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that fit or discover wrote.")]):
+    """Print what a paper would say of a fit or a discovery: a paragraph on methods, and the references it names."""
+    from ..reports.citation import citation
+
+    typer.echo(str(citation(locate_fit(folder))))
 
 
 def read_making(folder: Path) -> dict[str, dict[str, Any]]:

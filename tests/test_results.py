@@ -8,7 +8,7 @@ import pytest
 import ddetumble as dd
 from ddetumble.cli import main
 from ddetumble.cli.places import RECORD, hash_place
-from ddetumble.cli.repeating import compare_files, compare_values, place_output
+from ddetumble.cli.results import compare_files, compare_values, place_output
 
 
 @pytest.mark.parametrize(("before", "now", "places"), [
