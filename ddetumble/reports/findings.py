@@ -28,10 +28,12 @@ from ..measurement.quantities import (
 )
 from ..selection.compare import Comparison, Comparisons
 from ..selection.discovery import Discovery
+from ..selection.preview import preview_effects
 from ..selection.result import MissingForce, Place, SettingShift, Step, Trace
 from ..selection.series import list_channels
 from ..selection.text import choose_view, list_alternatives, say_place, say_verdict, share_at_step, show_estimate
 from .page import Picture, Section, Table, draw_picture, flatten, write_page
+from .sliders import show_sliders
 
 
 def write_report(discovery: Discovery, folder) -> Path:
@@ -98,6 +100,10 @@ def _build_sections(discovery: Discovery) -> list[Section]:
         sections += show_missing(discovery.missing)
     if discovery.candidates:
         sections.append(_show_ranking(discovery))
+        if discovery.made[0]:  # its fits, which one that was put together by hand has not
+            preview = preview_effects(discovery.fits[0], [one.effect for one in discovery.candidates], {
+                name: e.estimate for one in discovery.candidates for name, e in one.estimates.items()})
+            sections += [] if preview is None else [show_sliders(preview)]
     if discovery.steps and discovery.steps[-1].parameters:
         strong = [item for item in discovery.steps[-1].correlations if abs(item[2]) > 0.95]
         sections.append(show_parameters(models, [
