@@ -23,7 +23,7 @@ def found():
 
 @pytest.fixture(scope="module")
 def preview(found):
-    made = preview_effects(found.fits[0], [one.effect for one in found.candidates])
+    made = preview_effects(found.fits[0], found.candidates)
     assert made is not None
     return made
 
@@ -72,24 +72,22 @@ def test_values_are_told_from_end_to_end(found, preview):
 
 
 def test_values_without_time_have_no_sliders():
-    assert preview_effects(dd.fit("paper/table-3"), ["ambient-pressure"]) is None
+    assert preview_effects(dd.fit("paper/table-3"), ()) is None
 
 
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium here to open the page with")
 def test_the_page_says_the_same(found, preview, tmp_path):
     """Moved in the browser by the address: chi-square is the preview's, and the command names the effect."""
     page = dd.report(found, tmp_path / "out")
-    estimates = {name: e.estimate for one in found.candidates for name, e in one.estimates.items()}
-    shown = preview_effects(found.fits[0], [one.effect for one in found.candidates], estimates)
-    name = next(one.name for one in shown.levers if one.effect)
-    for text, positions in (("", np.zeros(len(shown.levers))), (f"#try:{name}=0.5", move(shown, name, 0.5))):
+    name = next(one.name for one in preview.levers if one.effect)
+    for text, positions in (("", np.zeros(len(preview.levers))), (f"#try:{name}=0.5", move(preview, name, 0.5))):
         done = subprocess.run(
             [str(BROWSER), "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'browser'}",
              "--virtual-time-budget=4000", "--dump-dom", f"file://{page.resolve()}{text}"],
             capture_output=True, text=True, timeout=120, check=True)
         total = re.search(r'data-total="([-\d.e+]+)"', done.stdout)
         assert total is not None
-        assert float(total[1]) == pytest.approx(shown.total(positions), rel=1e-5)
+        assert float(total[1]) == pytest.approx(preview.total(positions), rel=1e-5)
         command = re.search(r'data-part="command">([^<]*)<', done.stdout)
         assert command is not None and command[1].startswith("ddetumble fit slip-c --model paper")
         assert (f"--effect {name.split('.')[0]}" in command[1]) == bool(text)

@@ -101,8 +101,7 @@ def _build_sections(discovery: Discovery) -> list[Section]:
     if discovery.candidates:
         sections.append(_show_ranking(discovery))
         if discovery.made[0]:  # its fits, which one that was put together by hand has not
-            preview = preview_effects(discovery.fits[0], [one.effect for one in discovery.candidates], {
-                name: e.estimate for one in discovery.candidates for name, e in one.estimates.items()})
+            preview = preview_effects(discovery.fits[0], discovery.candidates)
             sections += [] if preview is None else [show_sliders(preview)]
     if discovery.steps and discovery.steps[-1].parameters:
         strong = [item for item in discovery.steps[-1].correlations if abs(item[2]) > 0.95]

@@ -7,7 +7,7 @@ $|r|^2 + 2 \sum t_k R_k r + \sum t_j t_k R_j R_k$.
 """
 
 import dataclasses as dc
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -16,7 +16,8 @@ from ..inference.assembly import default_starts
 from ..inference.findings import Fit
 from ..inference.levenberg_marquardt import eliminate_nuisances
 from ..inference.problem import Problem, Solution
-from .detectability import find_size, reach_limit
+from .detectability import detectable_length, find_size, reach_limit
+from .result import Candidate
 
 
 MOST = 24  # levers of effects: more would be a page that nobody reads
@@ -66,18 +67,17 @@ class Preview:
         return float(np.sum(self.chi2 + 2.0 * self.slope @ t + np.einsum("gjk,j,k->g", self.square, t, t)))
 
 
-def preview_effects(fit: Fit, effects: Sequence[str], estimates: Mapping[str, float] | None = None) -> Preview | None:
-    """Levers for the parameters of a fit and for the amplitudes of effects (ids, in the order wanted), which reach
-    beyond what was estimated of them, in public units by name. None where there is nothing to draw over time, or
-    nothing that moves the model.
+def preview_effects(fit: Fit, candidates: Sequence[Candidate]) -> Preview | None:
+    """Levers for the parameters of a fit and for the amplitudes of candidates, in their order, which reach beyond what
+    was estimated of them. None where there is nothing to draw over time, or nothing that moves the model.
     """
     problem, solution = fit.problem, fit.bounded.solution
     records = problem.records
     if records.are_values or solution.failed:
         return None
     moves = [move for name in solution.names if (move := _move_parameter(problem, solution, name)) is not None]
-    moves += [move for effect in effects if effect not in fit.effects
-              for move in _move_effect(problem, solution, effect, estimates or {})][:MOST]
+    moves += [move for one in candidates if one.effect not in fit.effects
+              for move in _move_effect(problem, solution, one)][:MOST]
     if not moves:
         return None
     levers, changes, columns = zip(*moves, strict=True)
@@ -137,30 +137,33 @@ def _move_parameter(problem: Problem, solution: Solution, name: str):
     return _move(problem, solution, u, name, "", -1.0)
 
 
-def _move_effect(problem: Problem, solution: Solution, effect: str, estimates: Mapping[str, float]):
+def _move_effect(problem: Problem, solution: Solution, candidate: Candidate):
     """Levers of the amplitudes of an effect, at the first of its starts."""
     space, found = problem.space, []
-    kind = next((one for one in space.effects if one.id == effect), None)
+    kind = next((one for one in space.effects if one.id == candidate.effect), None)
     if kind is None:
         return found
     used = float((np.asarray(problem.records.stack.weights) > 0).sum())
     for p in filter(is_scored, parameters_of(kind)):
-        name, origin = f"{effect}.{p.name}", solution.u.copy()
+        name, origin = f"{candidate.effect}.{p.name}", solution.u.copy()
         for shape, value in default_starts(kind)[0].items():
             if space.parameter(shape).kind == "shape":
                 origin[space.index[shape]] = value
-        seen = find_size(problem, solution, origin, name, SHOWN * np.sqrt(used))
+        # From the smallest detectable size in proportion, which is nearly there.
+        goal, least = SHOWN * np.sqrt(used), candidate.smallest_detectable.get(name)
+        first = None if least is None else (
+            abs(p.transform.to_unconstrained(least) - p.default) * goal / detectable_length(1))
+        seen = find_size(problem, solution, origin, name, goal, first)
         if seen is None:
             continue
         reach = seen.size - p.default if np.isfinite(seen.size) else (p.sign or 1) * reach_limit(p)
-        if name in estimates:
-            told = abs(p.transform.to_unconstrained(estimates[name]) - p.default)
+        if name in candidate.estimates:
+            told = abs(p.transform.to_unconstrained(candidate.estimates[name].estimate) - p.default)
             reach = float(np.copysign(min(max(abs(reach), BEYOND * told), reach_limit(p)), reach))
         u = origin.copy()
         u[space.index[name]] = p.default + reach
         # Shapes do nothing at the null, so that the whole way from it is along the amplitude.
-        start = dc.replace(solution, u=origin)
-        move = _move(problem, start, u, name, effect, 0.0 if p.sign else -1.0)
+        move = _move(problem, dc.replace(solution, u=origin), u, name, candidate.effect, 0.0 if p.sign else -1.0)
         if move is not None:
             found.append(move)
     return found
