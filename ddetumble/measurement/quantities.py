@@ -50,6 +50,7 @@ _QUANTITIES = {
 }  # fmt: skip
 _MAIN = ("initial_pressure", "approach_speed", "tangential_speed", "normal_load", "internal_pressure", "slip_speed")
 _DIGITS = {"normal_load": "#.3g", "slip_speed": ".3g"}  # others by their unit
+LOST = 100.0  # relative error beyond which a prediction has nothing to do with what was measured
 VERDICTS = {"nothing-missing": "nothing missing", "explained": "explained", "improved": "improved, not explained",
             "unexplained": "unexplained", "undecided": "undecided"}
 
@@ -245,8 +246,10 @@ def format_share(value: float, places: int = 0) -> str:
 
 
 def format_error(value: float) -> str:
-    """A relative error in per cent, to two or three digits."""
-    return "–" if value is None or not math.isfinite(value) else f"{format_number(100 * value, 3)} %"
+    """A relative error in per cent, to two or three digits; beyond `LOST` no digit says more."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    return f"> {100 * LOST:.0f} %" if value > LOST else f"{format_number(100 * value, 3)} %"
 
 
 def format_p(value: float) -> str:
