@@ -16,7 +16,7 @@ from .._errors import ComputationError, InputError
 from ..contact.effect import parts_of
 from ..contact.law import PowerLaw
 from ..measurement.campaign import Campaign
-from ..measurement.quantities import format_number, format_value, join_words
+from ..measurement.quantities import format_number, format_value, join_words, say_p
 from .archive import Model
 from .bounded import Bounded, solve_bounded
 from .estimation import fit
@@ -234,7 +234,7 @@ class JointFit(AbstractPrinted):
         if not test.degrees:
             return f"{names} share {join_words(self.shared)}, and measure none of them twice."
         rise = (f"sharing them raises chi-square by {test.chi2:.1f} over {test.degrees} degrees of freedom "
-                f"(p = {test.p_value:.2g})")
+                f"({say_p(test.p_value)})")
         if test.agree:
             return f"{names} agree on {join_words(self.shared)}: {rise}."
         apart = join_words(test.apart) or f"a combination of {join_words(self.shared)}"

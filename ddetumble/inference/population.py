@@ -8,7 +8,7 @@ from typing import Any, ClassVar, NamedTuple, final
 
 from .._display import Progress, align_table
 from .._errors import InputError
-from ..measurement.quantities import format_number, format_value, join_words
+from ..measurement.quantities import format_number, format_p, format_value, join_words, say_p
 from .files import AbstractWritten, list_versions, make_plain
 from .findings import Fit, Fitted
 from .goodness import LEVEL
@@ -17,7 +17,6 @@ from .random_effects import FEWEST, Homogeneity, RandomEffects, estimate_random_
 
 
 SCHEMA = "ddetumble.population/1"
-LEAST = 1e-9  # p-value below which it is not told: no error is normal so far out
 
 
 class Specimen(NamedTuple):
@@ -82,7 +81,7 @@ class PopulationFit(AbstractWritten):
     @property
     def sentence(self) -> str:
         """Which parameters differ from specimen to specimen."""
-        varying = [f"{name} (standard deviation {format_number(p.spread)} {p.unit}".rstrip() + f"; p: {_show_p(p)})"
+        varying = [f"{name} (standard deviation {format_number(p.spread)} {p.unit}".rstrip() + f"; {say_p(p.p_value)})"
                    for name, p in self.parameters.items() if p.varies]
         told = (f"differ in {join_words(varying)}" if varying else
                 "do not differ by more than the noise of their records explains")
@@ -98,7 +97,7 @@ class PopulationFit(AbstractWritten):
             mean, *ends = (format_value(x, sd) for x in (p.mean, p.q025, p.q975))
             spread, *more = (format_number(x) for x in (p.spread, p.spread_q025, p.spread_q975))
             population.append((label, mean, " to ".join(ends), spread, " to ".join(more) if math.isfinite(p.spread_q975)
-                               else "too few specimens", _show_p(p)))
+                               else "too few specimens", format_p(p.p_value)))
             each.append((label, "", "", "", ""))
             for key, one in p.specimens.items():
                 alone, a, b, shrunken, c, d = (format_value(x, one.alone.sd) for x in (
@@ -176,11 +175,6 @@ def fit_population(specimens: Sequence[Measured | JointFit], models: Models = "p
             notes.append(f"The fits have a prior of {name}, which makes the specimens look more alike than they are.")
     notes += [f"{label}: {one.goodness}" for label, one in fits.items() if isinstance(one, Fit) and str(one.goodness)]
     return PopulationFit(tuple(fits), parameters, effects, fits, tuple(notes))
-
-
-def _show_p(p: PopulationParameter) -> str:
-    """The p-value of there being no spread."""
-    return f"{p.p_value:.2g}" if p.p_value > LEAST else f"< {LEAST:g}"
 
 
 def _is_assumed(one: Fit | JointFit, name: str) -> bool:

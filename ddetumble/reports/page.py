@@ -21,7 +21,7 @@ BUDGET = 2_700_000  # characters of all figures in a page: a page of 2 MB still 
 WIDE = 104  # pixels an inch of a figure, which makes its type 13 pixels high
 HEADLINE, LONGEST, SHORTEST = 110, 230, 24  # characters: one short sentence, what still reads as one, a clause
 BRIEF, PHRASE = 12, 28  # characters that a column's cells keep on one line, and from which on they are sentences
-_NUMBER = re.compile(r"^[-+−<]?\s*[\d.,]+(e[-+−]?\d+)?( ?[±–-] ?[\d.]+(e[-+−]?\d+)?)?( ?%)?( \(step \d+\))?$|^–?$")
+_NUMBER = re.compile(r"^[-+−<>]?\s*[\d.,]+(e[-+−]?\d+)?( ?[±–-] ?[\d.]+(e[-+−]?\d+)?)?( ?%)?( \(step \d+\))?$|^–?$")
 
 
 @dc.dataclass(frozen=True)
