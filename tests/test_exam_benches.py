@@ -95,7 +95,7 @@ def test_a_plan_of_few_tests(family):
     """3 to 8 tests out of those of the full plan, now and then at one value of a condition; all else is the same."""
     alone = False
     for index in range(12):
-        few, full = (sample_case(Exam(family, 5, ("nothing",), plan=plan), index) for plan in ("few", "full"))
+        few, full = (sample_case(Exam(family, 5, ("nothing",), tests=tests), index) for tests in ("few", "full"))
         lists = [name for name, value in full.setting.items() if isinstance(value, list)]
         counts = [len(few.setting[name]) for name in lists] + [few.setting.get("repeats", 1)]
         assert not lists or 3 <= np.prod(counts) <= 8
