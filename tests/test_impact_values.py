@@ -150,7 +150,7 @@ def test_a_restitution_that_falls_with_the_pressure_is_seen(exact):
     assert found.effects == ("pressure-dependent-restitution",) and found.steps[0].lack_of_fit.rejected
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_the_papers_peaks_through_the_verbs(tmp_path):
     """Figure 8 through every verb: four peaks give a mass, and leave open what is missing."""
     campaign = read_campaign(find_data() / "paper" / "figure-8")

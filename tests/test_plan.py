@@ -290,7 +290,7 @@ def test_a_search_that_failed_is_told_from_what_cannot_be_done(flat, tmp_path):
 
 
 @pytest.mark.parametrize(("limits", "key"), [
-    ({"force": 0.01}, "limits.force"), ({"approach": 1.9}, "limits.force")])
+    ({"force": 0.01}, "limits.force"), pytest.param({"approach": 1.9}, "limits.force", marks=pytest.mark.study)])
 def test_the_limit_that_stands_in_the_way_is_named_with_what_would_do(limits, key, tmp_path):
     """At the limit that is named the search finds an impact that is worth its while, and well short of it none."""
     problem = pose([0.05, 0.02, 0.03], 0.2, **limits)

@@ -150,7 +150,7 @@ def test_ranking_says_what_the_verdict_says(tmp_path, effects, seed):
         assert alone[found.effects[0]].explains > 0.9
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_gain_beyond_a_calibration_is_no_explanation(tmp_path):
     """A gauge that reads four tenths is a wrong range: the effect that would fit is not named."""
     campaign = dd.read_campaign(write(tmp_path / "null", {}, 21, repeats=1))
