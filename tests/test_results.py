@@ -48,7 +48,8 @@ def test_a_hash_is_of_names_and_contents(tmp_path):
 
 
 @pytest.mark.parametrize("words", [["fit", "a", "-o", "x", "--overwrite"], ["fit", "--output=x", "a"],
-                                   ["fit", "a", "--output", "x"], ["fit", "a"]])
+                                   ["fit", "a", "--output", "x"], ["fit", "a"],
+                                   ["fit", "-ox", "a"], ["fit", "a", "--scheduler", "tcp://there", "-o", "x"]])
 def test_only_the_place_of_results_changes(words, tmp_path):
     assert place_output(words, tmp_path) == ["fit", "a", "-o", str(tmp_path)]
 
@@ -82,3 +83,18 @@ def test_a_folder_of_nothing_is_refused(tmp_path, capsys):
             (tmp_path / RECORD).write_text(content)
         assert main(["rerun", str(tmp_path)]) == 2
     assert "Traceback" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", [["trust", "evil.py"], ["cache", "clear"], ["rerun", "there"], [],
+                                   ["discover", "slip-c", "--effects-from", "evil.py"],
+                                   ["discover", "slip-c", "--effect=evil.py:Effect"]])
+def test_a_folder_from_elsewhere_runs_nothing(words, tmp_path, monkeypatch):
+    """Neither other commands nor a Python file that the user never named."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("DDETUMBLE_TRUST", str(tmp_path / "trusted.txt"))
+    (tmp_path / "evil.py").write_text("from pathlib import Path\nPath('ran').write_text('yes')\n")
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there" / RECORD).write_text(json.dumps({
+        "files": {"x": []}, "made": {"x": {"words": words, "inputs": {}, "versions": {}}}}))
+    assert main(["rerun", "there"]) == 2
+    assert not (tmp_path / "ran").exists() and not (tmp_path / "trusted.txt").exists()

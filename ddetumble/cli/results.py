@@ -15,11 +15,14 @@ import typer
 
 from .._errors import InputError
 from .._settings import find_data
+from .._user_files import require_trust, split_name
 from .options import app, command, option
 from .places import MADE, RECORD, hash_place, locate_fit
 
 
-OUTPUT = ("-o", "--output")
+MAKERS = ("compare", "discover", "missing", "identify", "fit", "predict", "sample", "average", "design", "map", "plan",
+          "exam", "import", "demo", "paper")  # commands that write results: a folder from elsewhere may name no other
+DROPPED = ("-o", "--output", "--scheduler")  # options that say where, and nothing of what
 PASSING = ("seconds", "processor_seconds", "versions")  # keys of what differs from run to run and is no result
 MOST = 12  # differences of a file that are listed
 SETTLED = 1e-6  # of a number, below which it is the same: what solvers leave open is less
@@ -80,6 +83,7 @@ def make_again(
     made = read_making(folder)
     different = False
     for how in made.values():
+        check_words(how["words"], folder)
         changed = []
         for place, known in how["inputs"].items():
             path = next((one for one in (Path(place), find_data() / place) if one.exists()), None)
@@ -133,16 +137,28 @@ def read_making(folder: Path) -> dict[str, dict[str, Any]]:
 
 
 def place_output(words: Sequence[str], folder: Path) -> list[str]:
-    """The words of a command with another place for its results."""
+    """The words of a command with another place for its results, on this machine."""
     kept, skip = [], False
     for word in words:
-        if skip or word == "--overwrite" or word.startswith("--output="):
+        if skip:
             skip = False
-        elif word in OUTPUT:
+        elif word in DROPPED:
             skip = True
-        else:
+        elif word != "--overwrite" and not word.startswith(tuple(f"{one}=" for one in DROPPED)) and (
+                not word.startswith("-o") or word.startswith("--")):
             kept.append(word)
     return [*kept, "-o", str(folder)]
+
+
+def check_words(words: Sequence[str], folder: Path) -> None:
+    """Refuse what a folder from elsewhere might name: other commands, and Python files that the user never named."""
+    if not words or words[0] not in MAKERS:
+        raise InputError("it names no command that makes results", file=folder / RECORD)
+    for word in words:
+        name = word.split("=", 1)[1] if word.startswith("--") and "=" in word else word
+        file = (split_name(name) or (Path(name), ""))[0]
+        if file.suffix == ".py":
+            require_trust(file, folder / RECORD)
 
 
 def _is_number(value: Any) -> TypeGuard[float]:
