@@ -24,7 +24,7 @@ class BuiltinModel:
     source: str  # where the law comes from
     make: "Callable[[], AbstractModel]"  # builds the template
     # whether `discover` tries it in place of another before it stacks three effects. Readings that contradict
-    # themselves, or feed energy in, are none.
+    # themselves, feed energy in, or give the same motion under another restitution (Eq. 6), are none.
     rival: bool = True
 
 
@@ -51,7 +51,7 @@ MODELS: dict[str, BuiltinModel] = {
     "paper-eq6": BuiltinModel(
         "as paper, with the damping coefficient of Eq. 6, which delivers another restitution than asked for.",
         f"F_n = P' pi b^2 (1 + c_n w), b = pi delta/4, {_GAS}, c_n = 3 (1 - e^2)/(4 v1)",
-        f"the paper, Eqs. 2 to 6; {_EQ6}", partial(_ball, damping_form="printed")),
+        f"the paper, Eqs. 2 to 6; {_EQ6}", partial(_ball, damping_form="printed"), rival=False),
     "paper-doubled-core": BuiltinModel(
         "as paper, with the cylinder under the contact disc counted twice, as Eq. 2 prints it.",
         f"F_n = P' pi b^2 (1 + c_n w), b = pi delta/4, {_GAS}, V' with pi b^2 d twice",
