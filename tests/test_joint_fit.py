@@ -15,7 +15,7 @@ from ddetumble.exam.simulators.campaigns import write_package
 from ddetumble.exam.simulators.impact_campaigns import make_campaign
 from ddetumble.exam.simulators.oblique_campaigns import make_oblique_campaign
 from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign
-from ddetumble.inference.joint import join_spaces
+from ddetumble.inference.joint import join_spaces, tell_misfits
 from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.inference.problem import Problem
 from ddetumble.inference.random_effects import FEWEST, estimate_random_effects, measure_heterogeneity
@@ -347,3 +347,13 @@ def test_spreads_that_are_found(tmp_path, spread, least, most):
         inside += wall.spread_q025 <= spread * 1500.0 <= wall.spread_q975
         assert not any(result.parameters[name].varies for name in BALL)
     assert least <= found <= most and inside >= 12
+
+
+@pytest.mark.slow
+def test_a_misfit_is_no_difference_of_balls():
+    """Campaigns with different effects hidden: that the model fails in some is said beside what they differ in."""
+    fits = [dd.fit(dd.find_data() / name) for name in ("slip-a", "slip-b")]
+    wrong = tell_misfits({one.campaign: one for one in fits})
+    assert "slip-a" in wrong and "slip-b" in wrong
+    found = dd.fit_jointly(fits)
+    assert not found.agreement.agree and wrong in found.sentence

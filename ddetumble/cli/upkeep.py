@@ -106,7 +106,8 @@ def _read_rehearsal(plan: str, kinds: tuple[str, ...], *, effects_from: Path | N
     elif any((channels, uncertainties, values, more["length"], more["interval"])):
         raise InputError("a campaign already says what it measures; --channel, --uncertainty, --value, --length "
                          "and --interval apply to a table of planned tests only", file=path)
-    return Rehearsal(str(path), truths=kinds or tuple(COUNTS), effects_from=effects_from and str(effects_from),
+    # As it was given: the results name it, and shipped campaigns lie elsewhere on another machine.
+    return Rehearsal(plan, truths=kinds or tuple(COUNTS), effects_from=effects_from and str(effects_from),
                      channels=tuple(channels or ()), uncertainties=tuple(uncertainties or ()),
                      values=tuple(values or ()), **more)
 

@@ -238,7 +238,8 @@ class JointFit(AbstractPrinted):
         if test.agree:
             return f"{names} agree on {join_words(self.shared)}: {rise}."
         apart = join_words(test.apart) or f"a combination of {join_words(self.shared)}"
-        return f"{names} disagree on {apart}: {rise}. The joint intervals do not allow for that."
+        told = f"{names} disagree on {apart}: {rise}. The joint intervals do not allow for that."
+        return f"{told} {tell_misfits(self.singles)}".rstrip()
 
     @property
     def tables(self) -> list[list[tuple[str, ...]]]:
@@ -502,3 +503,12 @@ def _show(p: Fitted) -> tuple[str, str]:
 def label_parameter(name: str, unit: str) -> str:
     """`mass [kg]`, or the name alone of a pure number."""
     return f"{name} [{unit}]" if unit else name
+
+
+def tell_misfits(fits: Mapping[str, Any]) -> str:
+    """That fits which leave a misfit may differ by it, and not by their parameters; '' where none leaves any."""
+    wrong = [label for label, one in fits.items()
+             if isinstance(one, Fit) and (one.goodness.misfit or one.goodness.moved)]
+    return "" if not wrong else (
+        f"But the model does not describe {join_words(wrong)}: what it lacks there can make such a difference; look "
+        "for that first.")

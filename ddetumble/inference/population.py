@@ -12,7 +12,7 @@ from ..measurement.quantities import format_number, format_p, format_value, join
 from .files import AbstractWritten, list_versions, make_plain
 from .findings import Fit, Fitted
 from .goodness import LEVEL
-from .joint import JointFit, Measured, Models, fit_each, identify, label_parameter
+from .joint import JointFit, Measured, Models, fit_each, identify, label_parameter, tell_misfits
 from .random_effects import FEWEST, Homogeneity, RandomEffects, estimate_random_effects
 
 
@@ -85,7 +85,7 @@ class PopulationFit(AbstractWritten):
                    for name, p in self.parameters.items() if p.varies]
         told = (f"differ in {join_words(varying)}" if varying else
                 "do not differ by more than the noise of their records explains")
-        return f"The {len(self.specimens)} specimens {told}."
+        return f"The {len(self.specimens)} specimens {told}. {tell_misfits(self.fits) if varying else ''}".rstrip()
 
     @property
     def tables(self) -> list[list[tuple[str, ...]]]:
