@@ -308,7 +308,7 @@ def test_commands_are_code_and_html_passes(tmp_path):
     import markupsafe
 
     texts = ["`ddetumble fit -o <DIR>` fits -1.5 N; k_e is the name of a parameter.", "k_e = 2",
-             markupsafe.Markup("<i>x</i>"), "one ` alone <b>", "each of 3 samples",
+             markupsafe.Markup("<p><i>x</i></p>"), "one ` alone <b>", "each of 3 samples",
              "F_n = F_k over I_t, file F_n.csv, A_b_c and `F_n`"]
     html = write_page("t", "s", [Section("x", texts)], tmp_path).read_text(encoding="utf-8")
     shown = [html.partition("<section")[2].split("<p>")[i].partition("</p>")[0] for i in range(1, 7)]
