@@ -55,7 +55,7 @@ class Section:
     """A part of a page, under a heading."""
 
     title: str
-    paragraphs: Sequence[str] = ()  # plain text, commands between backticks; a `markupsafe.Markup` is a block of HTML of its own
+    paragraphs: Sequence[str] = ()  # text, commands between backticks; a `markupsafe.Markup` is a block of its own
     figures: Sequence[Any] = ()  # `Picture`s, or tuples (name, caption, figure[, alt])
     tables: Sequence[Any] = ()  # `Table`s, pandas data frames, or lists of rows of which the first is the header
     points: Sequence[str] = ()  # a list of short sentences after the paragraphs
