@@ -11,6 +11,7 @@ import optimistix as optx
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import integrate
 
 from ddetumble import InputError
 from ddetumble.contact.law import Ball, ContactLaw, PowerLaw
@@ -200,6 +201,39 @@ def test_a_general_solver_finds_the_same():
     assert solution.ys.shape[0] == inside.sum()
     np.testing.assert_allclose(found.depression[inside], solution.ys[:, 0], atol=1e-6 * solution.ys[:, 0].max())
     np.testing.assert_allclose(found.depression_rate[inside], solution.ys[:, 1], atol=1e-5 * 0.5)
+
+
+@pytest.mark.slow
+def test_a_ball_that_barely_comes_off():
+    """An arm that all but keeps the ball on the plate: SciPy's instants of separation, and their differences."""
+    def build(stiffness):
+        return ContactLaw(Ball(1.7764, 0.72886), (ArmServo(stiffness),))
+
+    @jax.jit
+    def field(time, y, stiffness, speed):
+        law, conditions = build(stiffness), collect(0.513e6, speed)
+        diameter, damping = law.start(conditions)
+        contact = law.contact(conditions, diameter, time, y[0], y[1], y[2:])
+        forces = law.forces(contact, damping, y[2:])
+        return jnp.stack([y[1], (forces.drive - forces.normal) / law.reference.inertia()])
+
+    def leave(time, y, *_):
+        return y[0] if time > 1e-3 else 1.0
+
+    leave.terminal = True
+
+    def separate(stiffness, speed):
+        return integrate.solve_ivp(lambda *given: np.asarray(field(*given)), (0.0, 0.14), [0.0, speed], "DOP853",
+                                   events=leave, args=(stiffness, speed), rtol=1e-11, atol=1e-13).t_events[0][0]
+
+    times = jnp.arange(565) * 2.5e-4
+    along = jax.jit(lambda stiffness, speed: jax.jvp(lambda k: strike(
+        build(k), collect(0.513e6, speed), times).separation, (stiffness,), (jnp.ones(()),)))
+    for speed in np.linspace(0.18166, 0.18215, 8):
+        end, slope = along(jnp.asarray(439.65), jnp.asarray(speed))
+        np.testing.assert_allclose(end, separate(439.65, speed), atol=2e-7)
+        differences = (separate(439.66, speed) - separate(439.64, speed)) / 0.02
+        np.testing.assert_allclose(slope, differences, rtol=2e-3)
 
 
 def describe(u, change, **options):

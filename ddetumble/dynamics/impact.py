@@ -31,6 +31,7 @@ _TABLEAU = dfx.Tsit5.tableau
 _MIXED = np.stack([np.pad(row, (0, 7 - len(row))) for row in _TABLEAU.a_lower])
 _REACH, _ERROR = np.asarray(_TABLEAU.c), np.asarray(_TABLEAU.b_error)
 _TOGETHER = 8  # steps with derivatives between two looks at whether any are left: more look less, and waste more
+_CLOSE, _TURNS = 1e-6, 8  # the end of contact is near enough, in units of the longest time, or looked for often enough
 # Steps of the classical Runge-Kutta method and the rate after them: reach, weight, whether a step ends.
 _SUBSTEPS = 8  # more are finer and slower
 _STAGES = tuple(np.append(np.tile(column, _SUBSTEPS), 0.0) for column in (
@@ -261,11 +262,21 @@ def _choose_steps(field, start: Array, last: Array, scale: Array, rtol, atol, ma
     time, _, (before, state), _, times, taken, tried = jax.lax.while_loop(go_on, step, carry)
     separated = (time > 0) & (state[0] <= 0)
     failed = ~(separated | (time >= last)) | ~jnp.all(jnp.isfinite(state))
-    # The depression falls to zero within the last step: about where a line does, and closer by a Newton step.
+    # The depression falls to zero within the last step: about where a line does, and closer by Newton steps, of which a
+    # ball that barely comes off takes several.
     kept = jnp.maximum(taken - 1, 0)
-    near = times[kept] + safe_divide(before[0], before[0] - state[0]) * (time - times[kept])
-    after, *_ = _approach_end(field, times[kept], before, near)
-    end = jnp.where(separated, near - safe_divide(after[0], after[1]), time)
+    begin = times[kept]
+    near = begin + safe_divide(before[0], before[0] - state[0]) * (time - begin)
+
+    def closer(carry):
+        near, _, turn = carry
+        after, *_ = _approach_end(field, begin, before, near)
+        moved = jnp.clip(near - safe_divide(after[0], after[1]), begin, time)
+        return moved, jnp.abs(moved - near), turn + 1
+
+    end, *_ = jax.lax.while_loop(lambda carry: separated & (carry[1] > _CLOSE * last) & (carry[2] < _TURNS), closer,
+                                 (near, last, 0))
+    end = jnp.where(separated, end, time)
     return _Steps(jnp.where(jnp.arange(times.shape[0]) <= kept, times, jnp.inf), kept, end, separated, failed, tried)
 
 

@@ -17,7 +17,8 @@ from .stack import Records, is_added
 FREE = 3  # degrees of freedom with which a scatter is worth anything
 APART = 0.03  # range of a logarithm below which a condition was held
 TIMES = (0.1, 0.3, 1.0, 10.0)  # correlation times over the length of a record: from noise to an offset,
-SMOOTH_TIMES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4)  # and of smooth ones: from a few samples to a bend
+# and of smooth ones: from a few samples to a bend, and on to the same offsets, so that an offset is never called rough.
+SMOOTH_TIMES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 1.0, 10.0)
 EXCLUDED = 3.84  # loss beyond the least, outside a 95 % interval
 MOST = 240  # samples of a record that are looked at: what is slow does not need more
 RANGE = (0.05, 50.0)  # size over that of the noise: less does not matter, more no gauge shows
