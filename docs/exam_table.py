@@ -71,6 +71,7 @@ def list_counts() -> list[tuple[str, str, Callable[[Sequence[Row]], Sequence[boo
          lambda rows: [is_pinned(r) for r in pick(rows, "one", SURE_STRENGTH)]),
         ("two effects: both named or in the sets", "", lambda rows: [is_right(r) for r in pick(rows, "two")]),
         (f"two effects of {sure}", "≥ 90 %", lambda rows: [is_right(r) for r in pick(rows, "two", SURE_STRENGTH)]),
+        ("three effects: all named or in the sets", "", lambda rows: [is_right(r) for r in pick(rows, "three")]),
         ("outside the catalogue: called explained", "≤ 5 %",
          lambda rows: [r["verdict"] == "explained" and not is_right(r) for r in pick(rows, "outside")]),
         ("outside the catalogue: not seen", "", lambda rows: [not is_alarm(r) for r in pick(rows, "outside")]),

@@ -18,6 +18,7 @@ from ddetumble.cli import main
 from ddetumble.effects import TUMBLE
 from ddetumble.exam import running, scoring
 from ddetumble.exam.cases import (
+    COUNTS,
     GENERATORS,
     PATTERN,
     STRONGEST,
@@ -62,10 +63,10 @@ def pcg(seed):
 
 def test_kinds_come_in_a_fixed_pattern():
     """Every kind as often as the pattern says; of some kinds only, those; ranks count the cases of a kind."""
-    exam = Exam("slip")
+    exam = Exam("slip", truths=tuple(COUNTS))
     kinds = [find_kind(exam, index) for index in range(3 * len(PATTERN))]
     assert [kind for kind, _ in kinds] == list(PATTERN) * 3
-    for kind in TRUTHS:
+    for kind in COUNTS:
         assert [rank for name, rank in kinds if name == kind] == list(range(3 * PATTERN.count(kind)))
     assert {find_kind(Exam("slip", truths=("nothing",)), index) for index in range(5)} == {
         ("nothing", rank) for rank in range(5)}  # fmt: skip
@@ -127,6 +128,12 @@ def test_an_earlier_edition_asks_what_it_asked():
     assert not pools[2] & set(late) and set(late) <= pools[3]
 
 
+def test_three_effects_at_once():
+    """Three different ones of the catalogue, each with its strength."""
+    case = sample_case(Exam("slip", 11, truths=("three",)), 0)
+    assert len(case.effects) == 3 and set(case.effects) == set(case.strengths) <= set(GENERATORS["slip"].catalogue)
+
+
 @pytest.mark.parametrize("index", [0, 1, 4, 7])
 def test_slip_strengths_are_as_asked(index):
     """A full refit with derivatives found anew at every step finds the strength that a case states."""
@@ -135,7 +142,7 @@ def test_slip_strengths_are_as_asked(index):
     s = case.setting
     path = place_path(s["length"], s["interval"])[0][::2]
     tests = order_tests(pcg(case.seed), CONDITIONS, (s["loads"], s["pressures"], s["speeds"]))
-    assert len(case.effects) == {"two": 2}.get(case.kind, 1) and (case.kind == "outside") == any(
+    assert len(case.effects) == COUNTS[case.kind] and (case.kind == "outside") == any(
         name.startswith("x-") for name in case.effects)  # fmt: skip
     reference = refer_slip(s["base"], tests, path, SLIP_NOISE, SLIP_UNCERTAINTIES)
     for name, values in case.effects.items():
@@ -252,6 +259,8 @@ ANSWERS = [
     (make_row(9, "two", "explained", ["a", "b"], ["b", "a"]), True),
     (make_row(10, "two", "explained", ["a", "b"], ["b"], ["a"]), True),
     (make_row(11, "two", "explained", ["a", "b"], ["b", "c"]), False),
+    (make_row(16, "three", "explained", ["a", "b", "c"], ["c", "a", "b"]), True),
+    (make_row(17, "three", "explained", ["a", "b", "c"], ["c", "a"]), False),
     (make_row(12, "outside", "unexplained", ["x-a"]), True),
     (make_row(13, "outside", "explained", ["x-a"], ["b"]), False),
     (make_row(14, "outside", "nothing-missing", ["x-a"]), False),
@@ -291,10 +300,11 @@ def test_scores_add_up():
     assert counts == {
         "false_alarms": (1, 3), "singles_first": (3, 7), "singles_in_set": (4, 7), "sure_first": (3, 6),
         "sure_in_set": (4, 6), "sure_pinned": (3, 6), "pairs_named": (2, 3), "sure_pairs_named": (2, 3),
-        "outside_explained": (1, 3), "outside_unseen": (1, 3), "coverage": (6, 6),
+        "triples_named": (1, 2),
+        "outside_explained": (1, 3), "outside_unseen": (1, 3), "coverage": (7, 7),
         "nulls_undecided": (1, 3),
     }  # fmt: skip
-    assert marks["cases"] == 16 and marks["failed"] == 1 and marks["set_size"] == pytest.approx((1 + 2 + 3 + 1 + 1) / 5)
+    assert marks["cases"] == 18 and marks["failed"] == 1 and marks["set_size"] == pytest.approx((1 + 2 + 3 + 1 + 1) / 5)
     assert marks["heldout_over_noise"] == {"median": 0.25, "q90": 0.25, "largest": 0.25}
     assert marks["seconds"]["median"] == 3.0
     assert marks["processor_seconds"]["largest"] == 4.0 and marks["widths"]["mass"]["width"] == pytest.approx(0.4)
@@ -313,12 +323,12 @@ def test_truth_has_the_names_that_results_use():
 
 def test_scorecard_lists_every_failure(tmp_path):
     """JSON, page, README and figure; text from a row cannot break out of them."""
-    rows = [row for row, _ in ANSWERS] + [make_row(16, "one", "explained", ["a|<b>"], ["c"])]
+    rows = [row for row, _ in ANSWERS] + [make_row(18, "one", "explained", ["a|<b>"], ["c"])]
     card = write_scorecard(Exam("slip", 3), rows, tmp_path)
     kept = json.loads((tmp_path / "scorecard.json").read_text(encoding="utf-8"))
-    assert [one["case"] for one in kept["failures"]] == [1, 2, 6, 7, 8, 11, 13, 14, 15, 16] and kept["cases"] == 17
+    assert [one["case"] for one in kept["failures"]] == [1, 2, 6, 7, 8, 11, 17, 13, 14, 15, 18] and kept["cases"] == 19
     assert kept["false_alarms"]["count"] == 1 and kept["false_alarms"]["share"] == pytest.approx(1 / 3)
-    assert "ddetumble exam --family slip --seed 3 --cases 17 -o DIR" == card["command"]
+    assert "ddetumble exam --family slip --seed 3 --cases 19 -o DIR" == card["command"]
     readme, page = (tmp_path / "README.md").read_text(encoding="utf-8"), (tmp_path / "report.html").read_text("utf-8")
     assert "a\\|&lt;b>" in readme and "it broke" in readme and "<b>" not in page and "a|&lt;b&gt;" in page
     assert (tmp_path / "power.png").read_bytes()[:4] == b"\x89PNG" and "](power.png)" in readme
@@ -409,7 +419,7 @@ def test_a_cluster_loses_nothing(tmp_path):
     "arguments, says",
     [
         (["--family", "cube"], "'cube' is none of impact, slip, oblique, tumble"),
-        (["--truth", "three"], "'three' is none of nothing"),
+        (["--truth", "four"], "'four' is none of nothing"),
         (["--noise", "pink"], "'pink' is none of white, ar1, drawn"),
         (["--fault", "lightning"], "'lightning' is none of none, drawn, clipping"),
         (["--bench", "jitter"], "'jitter' is none of stated, drawn, proportional"),

@@ -27,7 +27,7 @@ def sit_exam(
         "conditions, times, noise and uncertainties.")] = None,
     seed: Annotated[int, option("S", "Seed of everything that is drawn.")] = 0,
     first: Annotated[int, option("N", "Number of the first case.")] = 0,
-    truth: Annotated[Texts, option("KIND", "Hide only this: nothing, one, two or outside; may be repeated.")] = None,
+    truth: Annotated[Texts, option("KIND", "Hide only this: nothing, one, two, three, outside; repeatable.")] = None,
     noise: Annotated[str, option("KIND", "Kind of noise: white, ar1, or drawn (one of the two at random).")] = "drawn",
     fault: Annotated[
         str, option("KIND", "Fault in the data: none, clipping, drop-out, wrong-record, or drawn (in a quarter "

@@ -21,8 +21,9 @@ from .simulators.tumbling_campaigns import TUMBLE
 
 
 GENERATORS: dict[str, CaseGenerator] = {one.name: one for one in (IMPACT, SLIP, OBLIQUE, TUMBLE)}
-TRUTHS = ("nothing", "one", "two", "outside")
-PATTERN = ("nothing", "one", "nothing", "one", "two", "nothing", "one", "outside")
+TRUTHS = ("nothing", "one", "two", "outside")  # that are drawn unless an exam says what
+COUNTS = {"nothing": 0, "one": 1, "two": 2, "three": 3, "outside": 1}  # of what each kind hides
+PATTERN = ("nothing", "one", "nothing", "one", "two", "nothing", "one", "outside", "three")
 NOISES = ("white", "ar1")
 WEAKEST, STRONGEST = 0.5, 8.0  # strength: rms over noise that a refitted reference model leaves
 TWOFOLD = 0.25  # share of the drawn benches that are of two kinds
@@ -37,7 +38,7 @@ class Exam:
     Attributes:
         family: of the records.
         seed: of everything drawn.
-        truths: kinds of what is hidden, out of TRUTHS.
+        truths: kinds of what is hidden, out of COUNTS; all but `three` where not given.
         noise: `white`, `ar1` (correlation 0.3 to 0.9, partly white in a third of the cases) or `drawn`: even odds.
         fault: `none`, `drawn` (one of FAULTS in a quarter of the cases), or one of FAULTS in every case.
         bench: `stated` (noise and settings are as the campaign says), one of BENCHES that the family can show, or
@@ -59,7 +60,7 @@ class Exam:
     def __post_init__(self):
         generator = GENERATORS.get(self.family)
         suited = BENCHES if generator is None else generator.benches
-        for option, values, allowed in (("--family", (self.family,), GENERATORS), ("--truth", self.truths, TRUTHS),
+        for option, values, allowed in (("--family", (self.family,), GENERATORS), ("--truth", self.truths, COUNTS),
                                         ("--noise", (self.noise,), (*NOISES, "drawn")),
                                         ("--fault", (self.fault,), ("none", "drawn", *FAULTS)),
                                         ("--bench", (self.bench,), ("stated", "drawn", *suited)),
@@ -68,7 +69,7 @@ class Exam:
                 if value not in allowed:
                     raise InputError(f"{value!r} is none of {', '.join(allowed)}", option=option)
         if not self.truths:
-            raise InputError(f"name at least one of {', '.join(TRUTHS)}", option="--truth")
+            raise InputError(f"name at least one of {', '.join(COUNTS)}", option="--truth")
         if self.tests == "few" and set(self.truths) != {"nothing"}:
             raise InputError("few tests can hide nothing, as a refit takes up most effects; add --truth nothing",
                              option="--tests")
@@ -115,7 +116,7 @@ class Case:
     """One question with its answer."""
 
     index: int  # its number in the exam
-    kind: str  # of what is hidden, out of TRUTHS
+    kind: str  # of what is hidden, out of COUNTS
     effects: Mapping[str, Mapping[str, Any]]  # that are hidden, with their parameters
     asked: Mapping[str, float]  # strength drawn for every effect
     strengths: Mapping[str, float]  # and the one that its parameters have
@@ -142,7 +143,7 @@ def find_kind(exam: Any, index: int) -> tuple[str, int]:
 def sample_case(exam: Exam, index: int) -> Case:
     """Sample one case; the others do not matter to it.
 
-    Single and outside effects come in turn, in an order drawn once for the exam; pairs are drawn at random.
+    Single and outside effects come in turn, in an order drawn once for the exam; several are drawn at random.
     """
     random, family = start_random(exam, 1, index), exam.generator
     kind, rank = find_kind(exam, index)
@@ -159,8 +160,9 @@ def sample_case(exam: Exam, index: int) -> Case:
     fault = {"none": None, "drawn": fault if faulty else None}.get(exam.fault, exam.fault)
     pool = family.outside if kind == "outside" else family.catalogue
     pool = {name: hidden for name, hidden in pool.items() if hidden.since <= exam.edition}
-    order = [str(name) for name in (random if kind == "two" else start_random(exam, 2)).permutation(list(pool))]
-    if kind != "two":
+    several = COUNTS[kind] > 1
+    order = [str(name) for name in (random if several else start_random(exam, 2)).permutation(list(pool))]
+    if not several:
         order = order[rank % len(order):] + order[: rank % len(order)]
     effects, asked, strengths = {}, {}, {}
     if kind != "nothing":
@@ -169,7 +171,7 @@ def sample_case(exam: Exam, index: int) -> Case:
             found = hide(name, pool[name], measure, random)
             if found is not None:
                 effects[name], asked[name], strengths[name] = found
-            if len(effects) == (2 if kind == "two" else 1):
+            if len(effects) == COUNTS[kind]:
                 break
     return Case(index, kind, effects, asked, strengths, noise, fault, setting, seed, draw_bench(exam, index))
 

@@ -32,11 +32,11 @@ from ..planning.detectability import read_plan
 from ..selection.detectability import find_size
 from ..selection.discover import discover
 from ..selection.problem import SelectionProblem, fit_reference, pose_selection
-from .cases import STRONGEST, TRUTHS, find_kind
+from .cases import COUNTS, STRONGEST, find_kind
 from .examination import examine, mark_discovery
 
 
-COUNTS = {"nothing": 0, "one": 1, "two": 2}  # effects that each kind of truth hides
+HIDDEN = ("nothing", "one", "two")  # unless a rehearsal says what
 FAINTEST = 0.1  # strength: many samples show effects far below the noise of one
 EDITION = 1  # of the drawing: another one asks other questions under the same seed
 
@@ -49,7 +49,7 @@ class Rehearsal:
         plan: folder of a campaign, measured or not, or a table of planned tests.
         model: reference model by name, or folder of a fit.
         seed: of everything drawn.
-        truths: kinds of what is hidden, out of `nothing`, `one` and `two`.
+        truths: kinds of what is hidden, out of COUNTS but `outside`.
         effects_from: file with effects of one's own, hidden and looked for beside the catalogue.
         channels, uncertainties, values, length, interval: of a table, see `ddetumble.planning.detectability.read_plan`.
     """
@@ -57,7 +57,7 @@ class Rehearsal:
     plan: str
     model: str = "paper"
     seed: int = 0
-    truths: tuple[str, ...] = tuple(COUNTS)
+    truths: tuple[str, ...] = HIDDEN
     effects_from: str | None = None
     channels: tuple[str, ...] = ()
     uncertainties: tuple[str, ...] = ()
@@ -67,9 +67,10 @@ class Rehearsal:
 
     def __post_init__(self):
         for kind in self.truths:
-            if kind not in COUNTS:
-                why = "a rehearsal hides effects of the catalogue only; " if kind in TRUTHS else ""
-                raise InputError(f"{why}{kind!r} is none of {', '.join(COUNTS)}", option="--truth")
+            if kind not in COUNTS or kind == "outside":
+                why = "a rehearsal hides effects of the catalogue only; " if kind in COUNTS else ""
+                raise InputError(f"{why}{kind!r} is none of {', '.join(COUNTS)}".removesuffix(", outside"),
+                                 option="--truth")
         if self.seed < 0:
             raise InputError("the seed is a whole number from 0 on", option="--seed")
 
@@ -91,7 +92,7 @@ class Rehearsal:
     def options(self) -> str:
         """The command line's options that mean it."""
         text = f"--plan {self.plan} --seed {self.seed}"
-        text += "".join(f" --truth {kind}" for kind in self.truths if self.truths != tuple(COUNTS))
+        text += "".join(f" --truth {kind}" for kind in self.truths if self.truths != HIDDEN)
         for option, values in (("model", () if self.model == "paper" else (self.model,)), ("channel", self.channels),
                                ("uncertainty", self.uncertainties), ("value", self.values),
                                ("length", (self.length,)), ("interval", (self.interval,)),

@@ -28,6 +28,7 @@ SHARES = (  # mark, what it is, and its aim; marks of several names have a row e
     ("sure_pinned", f"{SURE}: named, or in a set of at most two", "≥ 98 %"),
     ("pairs_named", "pairs: both named or in the sets", ""),
     ("sure_pairs_named", f"pairs, both of {SURE}", "≥ 90 %"),
+    ("triples_named", "three effects: all named or in the sets", ""),
     ("outside_explained", "outside the catalogue: called explained", "≤ 5 %"),
     ("outside_unseen", "outside the catalogue: not seen", ""),
     ("coverage", "95 % intervals that hold the truth", "95 %"),
@@ -40,7 +41,7 @@ BENCH_HEADER = ("bench", "false alarms (nothing hidden)", "share", "95 % upper l
                 "single effects right", "share", "intervals that hold the truth")
 SUMMARY = {"false_alarms": "false alarms", "singles_first": "single effects named first",
            "sure_pinned": f"of {SURE} named or in a set of two", "pairs_named": "pairs named",
-           "outside_explained": "outside cases called explained"}
+           "triples_named": "triples named", "outside_explained": "outside cases called explained"}
 
 
 def write_scorecard(exam: Exam | Rehearsal, rows: Sequence[Row], folder: Path | str) -> dict[str, Any]:

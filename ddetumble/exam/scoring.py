@@ -11,7 +11,7 @@ from scipy import stats
 
 
 Row = Mapping[str, Any]
-KINDS = ("nothing", "one", "two", "outside")  # of what is hidden
+KINDS = ("nothing", "one", "two", "three", "outside")  # of what is hidden
 ALARMS = ("explained", "improved", "unexplained")
 COLUMNS = [  # of what `score` counts
     "kind", "verdict", "fault", "noise", "bench", "strength", "alarm", "false", "undecided", "right", "first",
@@ -159,7 +159,7 @@ def score(rows: Sequence[Row]) -> dict[str, Any]:
         "seconds": sum(r["seconds"].values()), "answering": r["seconds"].get("answering"),
         "processor": r.get("processor_seconds"),
     } for r in rows], columns=COLUMNS)  # fmt: skip
-    nulls, singles, pairs, outside = kinds = [table[table["kind"] == kind] for kind in KINDS]
+    nulls, singles, pairs, triples, outside = kinds = [table[table["kind"] == kind] for kind in KINDS]
     sure, sure_pairs = (own[own["strength"] >= SURE_STRENGTH] for own in (singles, pairs))
     inside = table["right"] & (table["kind"] != "outside")
     intervals: Any = pd.DataFrame([(name, name_bench(row), *values) for row, kept in zip(rows, inside, strict=True)
@@ -191,6 +191,7 @@ def score(rows: Sequence[Row]) -> dict[str, Any]:
         "sure_first": count_share(sure["first"]), "sure_in_set": count_share(sure["in_set"]),
         "sure_pinned": count_share(sure["pinned"]),
         "pairs_named": count_share(pairs["right"]), "sure_pairs_named": count_share(sure_pairs["right"]),
+        "triples_named": count_share(triples["right"]),
         "outside_explained": count_share((outside["verdict"] == "explained") & ~outside["right"]),
         "outside_unseen": count_share(~outside["alarm"]),
         "coverage": count_share(intervals["holds"]),
