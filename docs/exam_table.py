@@ -40,10 +40,12 @@ FAMILIES = ("impact", "slip", "oblique", "tumble")
 INTRODUCTION = (
     "Every case is simulated by the second implementation (SciPy, not a line shared with the models) and judged from "
     "its files alone; which exams were looked at while the tool was mended is said below. Strength is what a refitted "
-    "reference model leaves, over the noise, drawn between a half and eight. A quarter of the cases has a fault of the "
-    "bench: a clipped gauge, a drop-out, or a record in a wrong range. In brackets: one-sided 95 % limit of Clopper "
-    "and Pearson on the side that matters, or the share. Intervals are those of rightly answered cases. Effects that "
-    "cannot reach half the noise within their limits (such as inflation-growth and gyro-scale) are not drawn.")
+    "reference model leaves, over the noise, drawn between a half and eight; the refit is linearised about the truth, "
+    "and of strong effects of friction a full one leaves down to a third of that. A quarter of the cases has a fault "
+    "of the bench: a clipped gauge, a drop-out, or a record in a wrong range. In brackets: one-sided 95 % limit of "
+    "Clopper and Pearson on the side that matters, or the share. Intervals are those of rightly answered cases. "
+    "Effects that cannot reach half the noise within their limits (such as inflation-growth and gyro-scale) are not "
+    "drawn.")
 DRAWN = {  # effects outside the catalogue whose law has a size that the drawn one can be held against
     "x-end-stop": ("depth", "depth", r"\bd(?: 1)? = ([\d.e-]+)"),
     "x-stick-slip": ("wavelength", "wavelength", r"\bl(?: 1)? = ([\d.e-]+)"),

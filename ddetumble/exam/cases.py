@@ -92,8 +92,8 @@ class Exam:
         """How its cases are drawn."""
         return (f"Drawn from seed {self.seed}: hidden {', '.join(self.truths)}; noise {self.noise}; faults "
                 f"{self.fault}; bench {self.bench}; tests {self.tests}. Strength is the rms over the stated noise that "
-                "a refitted reference model leaves, measured by the simulator that made the records, which shares no "
-                "code with the package.")
+                "a refitted reference model leaves, linearised about the truth (which overstates strong effects of "
+                "friction), measured by the simulator that made the records, which shares no code with the package.")
 
     @property
     def options(self) -> str:
