@@ -18,11 +18,12 @@ from ddetumble.dynamics.bodies import Box, Cylinder, Sphere
 from ddetumble.dynamics.collision import simulate_collision
 from ddetumble.dynamics.surfaces import Debris, make_debris, make_polytope
 from ddetumble.planning.errors import err_problem
-from ddetumble.planning.execution import draw_errors, try_errors
+from ddetumble.planning.execution import draw_errors, follow_errors, try_errors
 from ddetumble.planning.prices import price_limits
 from ddetumble.planning.problem import Goal, Limits, StrikeProblem, drift, score
 from ddetumble.planning.rules import compare_rules
 from ddetumble.planning.scenario import ErrorTable, pose_problem, read_scenario
+from ddetumble.planning.sequence import move_on
 from ddetumble.planning.single import compute_impact, compute_slopes, plan_strike
 from ddetumble.planning.uncertainty import find_tail
 
@@ -175,6 +176,27 @@ def test_errors_that_vanish_change_nothing(held):
         np.testing.assert_allclose([one.mean, one.q95], plan.score, atol=1e-5)
         assert one.missed == 0.0 and one.violated == 0.0
     assert usual[-1].error == "all" and usual[-1].mean > plan.score
+
+
+def test_errors_of_a_sequence(held):
+    """Vanishing errors leave what is planned after every impact; a ball that misses leaves the motion to the next one;
+    the first impact errs as alone; rates that are off by a factor do so throughout.
+    """
+    problem, first = held
+    second = plan_strike(move_on(problem, first), starts=1)
+    planned = np.array([first.score, first.score * second.score])
+    assert 0.05 < second.score < 0.95
+
+    def follow(impacts=(first, second), draws=16, **sizes):
+        none = dict.fromkeys(ErrorTable().model_dump(exclude={"draws", "plan_for"}), 0.0)
+        return follow_errors(problem, impacts, ErrorTable(draws=draws, **(none | sizes)))
+
+    for one, share in zip(follow(speed=1e-7, draws=8), planned, strict=True):
+        np.testing.assert_allclose([one.mean, one.q95], share, atol=1e-5)
+        assert (one.missed, one.violated) == (0.0, 0.0)
+    astray = follow(place=1e4, draws=8)
+    assert [one.missed for one in astray] == [1.0, 1.0] and [one.mean for one in astray] == [1.0, 1.0]
+    assert follow(speed=0.3)[0].mean > planned[0] and follow(inertia=0.2, rates=0.1)[1].mean > planned[1]
 
 
 def test_an_erring_impact_has_slopes(held):

@@ -1,7 +1,7 @@
 """What errors of the arm, and of the estimate of the motion, make of a planned impact."""
 
 import dataclasses as dc
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -9,13 +9,15 @@ import numpy as np
 from jaxtyping import Array
 
 from .._rotation import rotate
+from ..dynamics.collision import Collision
 from .draws import draw_normals, split_batch
 from .errors import NAMES, err
-from .problem import Design, StrikeProblem, measure_share, strike_debris
+from .problem import Design, StrikeProblem, measure_share, read_design, strike_debris
 from .scenario import ErrorTable
 from .single import StrikePlan
 
 
+OF_THE_ARM = ("instant", "place", "direction", "speed")  # drawn anew for every impact; all else is of the body
 PASSED = 0.05  # of force or depression, by which an erring impact may pass the limit before that is called so
 
 
@@ -61,18 +63,59 @@ def try_errors(problem: StrikeProblem, plan: StrikePlan, errors: ErrorTable, see
                  for name, share, missed, violated, drifted in zip((*sizes, "all"), *columns, strict=True))
 
 
+def follow_errors(problem: StrikeProblem, impacts: Sequence[StrikePlan], errors: ErrorTable, seed: int = 0
+                  ) -> tuple[Spread, ...]:
+    """Momentum left after each impact of a sequence under draws of all errors together, and what happens at each.
+
+    The first impact is struck by the estimate of the motion. Before each further one the arm has looked again: it
+    strikes at the planned place of the body as that moves by then, with errors of its own drawn anew, and nothing is
+    planned again. A ball that misses leaves the motion as it was. The drift adds up.
+    """
+    sizes, count = errors.sizes(), errors.draws
+    arm = {name: size if name in OF_THE_ARM else 0.0 for name, size in sizes.items()} | {"centre": 0.0}
+    drawn = [draw_errors(sizes if k == 0 else arm, count, seed + k) for k in range(len(impacts))]
+    rows = np.zeros((len(impacts), 4, count))
+    for i in range(count):
+        now, share, drift = problem, 1.0, np.zeros(3)
+        for k, plan in enumerate(impacts):
+            true, met, margin = _meet(now, plan.design.face, jnp.asarray(plan.x), drawn[k][i])
+            left, missed, violated, after = _strike_once(true, met, margin)
+            state = (met.attitude, met.angular_velocity) if after is None else (after.attitude, after.angular_velocity)
+            share, drift = share * left, drift + (0.0 if after is None else np.asarray(after.velocity))
+            now = eqx.tree_at(lambda p: (p.attitude, p.angular_velocity), true, state)
+            rows[k, :, i] = share, missed, violated, np.linalg.norm(drift)
+    return tuple(Spread("all", np.nan, float(share.mean()), float(np.quantile(share, 0.95)), float(missed.mean()),
+                        float(violated.mean()), (float(drift.mean()), float(drift.std())))
+                 for share, missed, violated, drift in rows)
+
+
+@eqx.filter_jit
+def _meet(problem: StrikeProblem, face: Array, x: Array, error: Mapping[str, Array]
+          ) -> tuple[StrikeProblem, Design, Array]:
+    """`err` of the impact of seven variables."""
+    return err(problem, read_design(problem, face, x), error)
+
+
 _err_all = eqx.filter_jit(eqx.filter_vmap(err, in_axes=(None, None, 0)))
 
 
 def _strike_wrongly(true: StrikeProblem, met: Design, margin: Array) -> tuple[float, bool, bool, float]:
     """Share left, whether the ball misses, whether a limit is passed, and the drift [m/s]."""
+    share, missed, violated, after = _strike_once(true, met, margin)
+    return share, missed, violated, 0.0 if after is None else float(np.linalg.norm(after.velocity))
+
+
+def _strike_once(true: StrikeProblem, met: Design, margin: Array) -> tuple[float, bool, bool, Collision | None]:
+    """Share left of the momentum before, whether the ball misses, whether a limit is passed, and the collision; none
+    where the ball misses.
+    """
     approach = (np.asarray(met.velocity) - np.asarray(rotate(met.attitude, jnp.cross(met.angular_velocity, met.point)))
                 ) @ -np.asarray(met.normal)
     if margin <= 0.0 or approach <= 0.0:
-        return 1.0, True, False, 0.0
+        return 1.0, True, False, None
     after, limits = strike_debris(true, met), true.limits
     if bool(after.failed) or not bool(after.separated):
-        return 1.0, True, False, 0.0
+        return 1.0, True, False, None
     violated = (float(after.peak_force) > (1.0 + PASSED) * float(limits.force) or float(after.margin) < 0.0
                 or float(after.peak_depression) > (1.0 + PASSED) * float(limits.depression))
-    return measure_share(true, after.angular_velocity), False, violated, float(np.linalg.norm(after.velocity))
+    return measure_share(true, after.angular_velocity), False, violated, after

@@ -12,7 +12,7 @@ from .._sentences import say
 from ..contact.gripping import StrikeLaw
 from ..measurement.units import format_time
 from .draws import Laws, Source, draw_laws, find_models
-from .execution import Spread, draw_errors, try_errors
+from .execution import Spread, draw_errors, follow_errors, try_errors
 from .measured import MeasuredRange, confine, find_measured_ranges, list_ranges, warn_of_extrapolation
 from .prices import Price, price_limits
 from .problem import StrikeProblem
@@ -80,6 +80,7 @@ class Plan(AbstractPrinted):
             of the whole were minimised.
         rules: what simple rules make of the place of the first impact.
         spreads: what errors of the arm and of the estimate make of the first impact, by kind, then of all together.
+        after: what all errors together leave after every impact; empty with one impact.
         title, source: of the scenario; '' without one.
     """
 
@@ -94,6 +95,7 @@ class Plan(AbstractPrinted):
     prices: tuple[tuple[Price, ...], ...] = ()
     rules: tuple[Blow, ...] = ()
     spreads: tuple[Spread, ...] = ()
+    after: tuple[Spread, ...] = ()
     title: str = ""
     source: str = ""
 
@@ -216,14 +218,16 @@ def _plan(problem: StrikeProblem, settings: PlanSettings, laws: Laws | None, ran
         if len(found.impacts) > 1:
             tell("trying all impacts on all draws", math.nan)
             prospect = assess_sequence(problem, found, laws, how.share, tail=how.tail)
-    prices, rules, spreads = (), (), ()
+    prices, rules, spreads, after = (), (), (), ()
     if found.impacts:
         tell("trying errors of the arm and of the motion", math.nan)
         first = found.impacts[0]
         if found.joint is None or not found.joint.taken:
             prices = tuple(price_limits(problem.limits, one) for one in found.impacts)
         rules, spreads = compare_rules(problem, first), try_errors(problem, first, how.errors, how.seed)
-    return Plan(problem, how, found, laws, assessment, prospect, ranges, beyond, prices, rules, spreads)
+        if len(found.impacts) > 1:
+            after = follow_errors(problem, found.impacts, how.errors, how.seed)
+    return Plan(problem, how, found, laws, assessment, prospect, ranges, beyond, prices, rules, spreads, after)
 
 
 def find_end(sequence: Sequence) -> float:

@@ -49,6 +49,7 @@ WORDS = {
             "mean over its own worst share.",
 }
 CHEAP = 1e-6  # of the goal, below which nothing is gained by a looser limit
+OUTCOME = ("momentum left, mean [%]", "95 % of draws below [%]", "missed [%]", "limits violated [%]")
 # Unit in which errors are shown, and its number in SI.
 UNITS = {"instant": ("s", 1.0), "place": ("mm", 1e3), "direction": ("°", 180.0 / np.pi), "speed": ("%", 100.0),
          "rates": ("%", 100.0), "attitude": ("°", 180.0 / np.pi), "inertia": ("%", 100.0), "centre": ("mm", 1e3)}
@@ -170,7 +171,7 @@ def write_plan(plan: Plan, folder) -> Path:
         "impacts": impacts,
         "prices": [{"impact": k, **dc.asdict(price)} for k, prices in enumerate(plan.prices, 1) for price in prices],
         "rules": plan.rules,
-        "errors": plan.spreads, "plan_for_errors": settings.errors.plan_for,
+        "errors": plan.spreads, "errors_after": plan.after, "plan_for_errors": settings.errors.plan_for,
         "refused": None if best is None else {
             "face": best.face, "score": best.score, "untouched": best.untouched, "allowed": best.allowed,
             "estimate": best.estimate, "missed": best.missed,
@@ -303,9 +304,17 @@ def _show_errors(plan: Plan) -> Section:
     if plan.settings.chaser_mass:
         recoil = float(np.linalg.norm(plan.sequence.impacts[0].collision.impulse)) / plan.settings.chaser_mass
         told.append(f"A chaser of {plan.settings.chaser_mass:g} kg recoils with {1e3 * recoil:.3g} mm/s.")
-    return Section("What errors do to the plan", told, tables=[Table(
-        ["error of", "standard deviation", "momentum left, mean [%]", "95 % of draws below [%]", "missed [%]",
-         "limits violated [%]"], rows)])
+    tables = [Table(["error of", "standard deviation", *OUTCOME], rows, "The first impact.")]
+    if plan.after:
+        tables.append(Table(
+            ["impact", "as planned [%]", *OUTCOME, "drift given to the body [mm/s]"],
+            [[str(k), f"{100 * float(planned):.2f}", f"{100 * one.mean:.2f}", f"{100 * one.q95:.2f}",
+              f"{100 * one.missed:.0f}", f"{100 * one.violated:.0f}",
+              f"{1e3 * one.drift[0]:.3g} ± {1e3 * one.drift[1]:.2g}"]
+             for k, (planned, one) in enumerate(zip(plan.sequence.shares, plan.after, strict=True), 1)],
+            "After each impact, all errors together and those of the arm drawn anew. The first is struck by the "
+            "estimate of the motion; before each further one the arm has looked again. Nothing is planned again."))
+    return Section("What errors do to the plan", told, tables=tables)
 
 
 def _show_outlook(found: Assessment, plan_for: str, prospect: Prospect | None, share: float) -> Section:
