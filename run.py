@@ -5,6 +5,7 @@
     python3 run.py test                 all tests (further arguments go to pytest)
     python3 run.py COMMAND ...          any other command of ddetumble
     python3 run.py notebook             the notebooks in JupyterLab (further arguments go to it)
+    python3 run.py site                 the documentation as pages, in build/site (further arguments go to Sphinx)
     python3 run.py setup                set up only, with what the tests need
     python3 run.py pythons              list the interpreters that would do, best first
 
@@ -30,7 +31,7 @@ OLDEST = (3, 11)
 KNOWN = (3, 14)  # the newest Python for which every pinned version has a wheel
 STAMP = "ddetumble-setup.json"
 WINDOWS = os.name == "nt"
-EXTRAS = {"test": "dev", "setup": "dev", "notebook": "lab"}  # of pyproject.toml, by command
+EXTRAS = {"test": "dev", "setup": "dev", "notebook": "lab", "site": "docs"}  # of pyproject.toml, by command
 PLACES = (  # beside the path
     "{PYENV_ROOT}/versions/*/bin/python3",
     "~/.pyenv/versions/*/bin/python3",
@@ -270,6 +271,16 @@ def open_notebooks(folder, arguments):
     )
 
 
+def build_site(folder, arguments):
+    """Build the documentation; whatever does not resolve is an error. Returns Sphinx's exit code."""
+    target = os.path.join(ROOT, "build", "site")
+    command = [locate_python(folder), "-m", "sphinx", "-W", "--keep-going", "-q", "-c", "docs", ".", target] + arguments
+    failed = subprocess.call(command, env=environment(folder), cwd=ROOT)
+    if not failed:
+        print(os.path.join(target, "index.html"))
+    return failed
+
+
 def main(arguments):
     """Understand the command line, set up, and run; returns the exit code."""
     wanted = os.environ.get("DDETUMBLE_PYTHON")
@@ -292,6 +303,8 @@ def main(arguments):
     python = locate_python(folder)
     if arguments[0] == "notebook":
         return open_notebooks(folder, arguments[1:])
+    if arguments[0] == "site":
+        return build_site(folder, arguments[1:])
     if testing:
         command = [python, "-m", "pytest", "-n", str(count_workers()), "--dist", "loadfile",
                    "--no-loadscope-reorder"] + arguments[1:]

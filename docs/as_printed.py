@@ -1,4 +1,4 @@
-"""Run what README and guide print, as printed, in a fresh clone: `python -m docs.as_printed -o fits/as-printed`.
+"""Run what README and the documentation print, in a fresh clone: `python -m docs.as_printed -o fits/as-printed`.
 
 Commands stand in blocks of `sh`, and within sentences where they hold no placeholder; blocks of Python run page by
 page. The files of a laboratory that they speak of are made from shipped campaigns. `run.py test` is left to the check
@@ -23,7 +23,9 @@ from ddetumble.inference.files import list_versions, write_json
 
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = ("README.md", "docs/guide.md")
+GUIDE = (ROOT / "docs" / "guide.md").read_text(encoding="utf-8")  # lists its pages in the order in which they are read
+PAGES = ("README.md", "docs/index.md", *(f"docs/{page}" for page in re.findall(r"\]\((guide/[\w-]+\.md)\)", GUIDE)),
+         "docs/gallery.md")
 LEFT_OUT = ("python3 run.py test", "ddetumble trust")  # the check of every change runs it; asks, and has no file here
 PLACEHOLDER = re.compile(r"\b(CAMPAIGN|MODEL|DIR|FILE|ID|NAME|OUT|CONDITIONS|ADDRESS|KIND)\b")
 LIMIT = 1800.0  # s, of one command
@@ -57,7 +59,7 @@ def lay_out(clone: Path) -> None:
 
     write_raw(clone / "drops", WALL)
     write_recordings(clone, dd.read_campaign("impact-b"))
-    for language, block, _ in read_blocks("docs/guide.md"):
+    for language, block, _ in (one for page in PAGES for one in read_blocks(page)):
         first = block.splitlines()[0]
         if language == "csv":
             (clone / ("plan.csv" if "repeats" in first else "conditions.csv")).write_text(block, encoding="utf-8")
@@ -137,7 +139,7 @@ def run(command: str, clone: Path, prepare: str) -> dict:
 def tell(rows: list[dict], versions: dict[str, str]) -> str:
     """The page: how many ended well, and a table."""
     right = sum(row["status"] == 0 for row in rows)
-    lines = [f"# {right} of {len(rows)} commands that README and guide print end well", "",
+    lines = [f"# {right} of {len(rows)} commands that README and the documentation print end well", "",
              "As printed, in a fresh clone with an environment of its own, one after the other, by", "",
              "    python -m docs.as_printed -o fits/as-printed", "",
              f"with Python {versions['python']}; the other versions are in `result.json`. Laboratory files are made "

@@ -351,7 +351,7 @@ def test_choices_do_not_go_with_a_specification(tmp_path, capsys):
 
 
 def test_the_example_of_the_guide_is_a_specification(tmp_path):
-    text = (ROOT / "docs" / "guide.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "guide" / "by-hand.md").read_text(encoding="utf-8")
     blocks = [part.split("```")[0] for part in text.split("```toml\n")[1:]]
     (tmp_path / "fit.toml").write_text(next(one for one in blocks if "ddetumble.fit/1" in one), encoding="utf-8")
     found, _ = read_specification(tmp_path / "fit.toml")

@@ -1,4 +1,12 @@
-"""The catalogue: physics that the reference model leaves out, one class an effect."""
+"""The catalogue: physics that the reference model leaves out, one class an effect.
+
+Attributes:
+    CATALOGUE: all of them, as classes.
+    IMPACT: those that act on normal impacts.
+    SLIP: those that act on friction records.
+    OBLIQUE: those that act on oblique impacts only.
+    TUMBLE: those that act on tumbling bodies, or on the gyroscopes that measure them.
+"""
 
 from ..contact.effect import AbstractContactForce as AbstractContactForce
 from ..contact.effect import AbstractDriveEffect as AbstractDriveEffect

@@ -1,4 +1,13 @@
-"""Kinds of tests, one file each: what differs between them is asked of a `Family`, never of its name."""
+"""Kinds of tests, one file each: what differs between them is asked of a `Family`, never of its name.
+
+Attributes:
+    FAMILIES: those of the toolkit by their names.
+    DEFAULT_FAMILY: name of the one that is meant where nothing says which.
+    IMPACT: normal impacts of a ball on a plate.
+    SLIP: rubber that slides on a plate.
+    OBLIQUE: impacts of a ball that moves along the plate.
+    TUMBLE: bodies that turn freely.
+"""
 
 from pathlib import Path
 

@@ -2,6 +2,9 @@
 
 `models` are the fitted series of one or two models by their names, the reference model first; `channel` is what is
 drawn of them, the family's force where it is not given. `narrow` draws for a telephone.
+
+Attributes:
+    styled: decorator of a function that makes a figure, which it draws in the look of the house.
 """
 
 from .fit import draw_fit, draw_prediction, draw_records, draw_signatures, draw_values

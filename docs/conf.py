@@ -1,0 +1,59 @@
+"""How the documentation is built, by Sphinx: `python3 run.py site`.
+
+Pages are those that Markdown links reach anyway, so that the same files are read in the repository and on the site.
+Equations become MathML when the site is built: no script and no network are needed to read them.
+"""
+
+import re
+
+from docutils import nodes
+from docutils.utils.math import latex2mathml
+from pygments.lexers.special import TextLexer
+
+import ddetumble
+
+
+project, author, copyright = "ddetumble", "The ddetumble developers", "The ddetumble developers, MIT licence"
+version = release = ddetumble.__version__
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+root_doc = "docs/index"
+include_patterns = ["*.md", "docs/**", "fits/**", "data/README.md", "benchmarks/README.md", "notebooks/*"]
+exclude_patterns = [".*", "build", "docs/site"]
+html_theme, html_title = "furo", "ddetumble"
+html_extra_path = ["site"]  # llms.txt, and the way from the top to the front page
+html_copy_source = html_show_sourcelink = False
+highlight_language = "none"  # of blocks that name no language
+pygments_style = "friendly"
+# That links lead to every page is checked by tests/test_site.py; `title` in a docstring may be one of several.
+suppress_warnings = ["toc.not_included", "ref.python"]
+myst_enable_extensions = ["dollarmath"]
+myst_heading_anchors = 4  # made from the words of a heading, as GitHub makes them
+nb_execution_mode = "off"  # what notebooks show is kept in them
+default_role = "py:obj"  # `names` of docstrings lead to what they name, where the reference has it
+autodoc_member_order = "groupwise"
+autodoc_typehints = "signature"
+python_maximum_signature_line_length = 88
+napoleon_use_ivar, napoleon_attr_annotations = True, False
+
+
+def draw_equation(block: bool):
+    """A visitor that writes an equation as MathML, in a line of text or as a block of its own."""
+    def visit(translator, node):
+        translator.body.append(latex2mathml.tex2mathml(node.astext(), as_block=block))
+        raise nodes.SkipNode
+    return visit, None
+
+
+def convert_docstring(app, what, name, thing, options, lines):
+    """Dollars around an equation, as docstrings and Markdown have them, as Sphinx wants it; bars are bars elsewhere."""
+    parts = re.split(r"\$([^$]+)\$", "\n".join(lines))  # text and equations in turn
+    parts = [f":math:`{part}`" if k % 2 else part.replace("|", r"\|") for k, part in enumerate(parts)]
+    lines[:] = "".join(parts).split("\n")
+
+
+def setup(app):
+    """Tell Sphinx of both, and that tables of numbers are plain text."""
+    app.add_html_math_renderer("mathml", draw_equation(False), draw_equation(True))
+    app.config.html_math_renderer = "mathml"
+    app.connect("autodoc-process-docstring", convert_docstring)
+    app.add_lexer("csv", TextLexer)
