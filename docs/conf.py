@@ -7,7 +7,7 @@ Equations become MathML when the site is built: no script and no network are nee
 import re
 
 from docutils import nodes
-from docutils.utils.math import latex2mathml
+from math_core import LatexToMathML
 from pygments.lexers.special import TextLexer
 
 import ddetumble
@@ -18,9 +18,10 @@ version = release = ddetumble.__version__
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 root_doc = "docs/index"
 include_patterns = ["*.md", "docs/**", "fits/**", "data/README.md", "benchmarks/README.md", "notebooks/*"]
-exclude_patterns = [".*", "build", "docs/site"]
+exclude_patterns = [".*", "build", "docs/site", "docs/static"]
 html_theme, html_title = "furo", "ddetumble"
 html_extra_path = ["site"]  # llms.txt, and the way from the top to the front page
+html_static_path, html_css_files = ["static"], ["look.css"]
 html_copy_source = html_show_sourcelink = False
 highlight_language = "none"  # of blocks that name no language
 pygments_style = "friendly"
@@ -37,15 +38,18 @@ napoleon_use_ivar, napoleon_attr_annotations = True, False
 
 
 def draw_equation(block: bool):
-    """A visitor that writes an equation as MathML, in a line of text or as a block of its own."""
+    """A visitor that writes an equation as MathML, in a line of text or as a block; LaTeX that it cannot read fails."""
     def visit(translator, node):
-        translator.body.append(latex2mathml.tex2mathml(node.astext(), as_block=block))
+        converter = LatexToMathML()
+        translator.body.append(converter.convert_with_local_state(node.astext(), displaystyle=block))
         raise nodes.SkipNode
     return visit, None
 
 
 def convert_docstring(app, what, name, thing, options, lines):
     """Dollars around an equation, as docstrings and Markdown have them, as Sphinx wants it; bars are bars elsewhere."""
+    if what == "module" and name != "ddetumble":  # its page begins with it
+        lines.clear()
     parts = re.split(r"\$([^$]+)\$", "\n".join(lines))  # text and equations in turn
     parts = [f":math:`{part}`" if k % 2 else part.replace("|", r"\|") for k, part in enumerate(parts)]
     lines[:] = "".join(parts).split("\n")

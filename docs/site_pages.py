@@ -46,6 +46,11 @@ def list_public(module: ModuleType) -> list[str]:
     return sorted(name for name in names if not isinstance(getattr(module, name), ModuleType))
 
 
+def shorten(module: ModuleType) -> str:
+    """Name of a namespace without those that it lies in."""
+    return module.__name__.rpartition(".")[2]
+
+
 def describe(module: ModuleType, name: str) -> str:
     """The first sentence on a public name: of its docstring, or of a constant in that of its namespace; '' if none."""
     thing = getattr(module, name)
@@ -65,12 +70,12 @@ def write_reference(module: ModuleType) -> str:
     """The page of a namespace: a table of its names, then what Sphinx makes of their docstrings."""
     names = list_public(module)
     if module is dd:
-        inner = {one.__name__.rpartition(".")[2]: take_sentence(one.__doc__ or "") for one in NAMESPACES[1:]}
+        inner = {shorten(one): take_sentence(one.__doc__ or "") for one in NAMESPACES[1:]}
         lines = [BEFORE_REFERENCE, "| namespace | what it holds |", "| --- | --- |",
                  *(f"| [`dd.{short}`]({short}.md) | {text} |" for short, text in inner.items()),
                  "", "```{toctree}", ":hidden:", *inner, "```", ""]
     else:
-        lines = [f"# `{module.__name__}`", "", take_sentence(module.__doc__ or ""), ""]
+        lines = [f"# `dd.{shorten(module)}`", "", (module.__doc__ or "").partition("\n\nAttributes:")[0].strip(), ""]
     lines += ["| name | what it is |", "| --- | --- |"]
     lines += [f"| `{name}` | {escape(describe(module, name))} |" for name in names]
     return "\n".join([*lines, "", "```{eval-rst}", f".. automodule:: {module.__name__}",
@@ -103,7 +108,7 @@ def write_effect(effect: type[AbstractEffect], family: Family) -> list[str]:
             f"![Signature of {effect.id}](catalogue/{effect.id}.png)", "",
             "| parameter | unit | at first | what it is | physics allows |", "| --- | --- | --- | --- | --- |",
             *rows, "",
-            f"Law: {effect.law}. Stage: {dd.effects.stage_of(effect)}.{needs} Source: {effect.reference}. "
+            f"Law: `{effect.law}`. Stage: {dd.effects.stage_of(effect)}.{needs} Source: {effect.reference}. "
             f"Class: `dd.effects.{effect.__name__}`.", ""]
 
 
@@ -142,7 +147,7 @@ def write_index() -> str:
 
 def write_pages() -> dict[str, str]:
     """The pages, by name of their files below `docs`."""
-    reference = {f"reference/{one.__name__.rpartition('.')[2]}.md": write_reference(one) for one in NAMESPACES}
+    reference = {f"reference/{shorten(one)}.md": write_reference(one) for one in NAMESPACES}
     return {"catalogue.md": write_catalogue(), **reference}
 
 

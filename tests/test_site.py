@@ -38,6 +38,7 @@ def list_targets(path):
             yield (path.parent / name).resolve() if name else path, anchor
         elif token.type == "fence" and token.info == "{toctree}":
             for name in token.content.splitlines():
+                name = name.partition("<")[2].rstrip(">") or name  # a title may stand before it
                 if name and not name.startswith(":") and "*" not in name:
                     yield (path.parent / f"{name}.md").resolve(), ""
 
@@ -88,7 +89,7 @@ def test_every_page_is_reached():
 @pytest.mark.parametrize("module", site_pages.NAMESPACES, ids=lambda module: module.__name__)
 def test_every_public_name_is_in_the_reference(module):
     """With a sentence on it, from its docstring."""
-    page = MADE[f"reference/{module.__name__.rpartition('.')[2]}.md"]
+    page = MADE[f"reference/{site_pages.shorten(module)}.md"]
     names = site_pages.list_public(module)
     assert names
     assert not [name for name in names if not site_pages.describe(module, name)]
