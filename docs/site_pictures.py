@@ -52,12 +52,13 @@ def see_effects(campaign: dd.Campaign) -> Iterator[Seen]:
     solution = posed.problem.solve(posed.base, start, moving=False)
     weights = np.asarray(posed.records.stack.weights)[: posed.records.count]
     goal = STRENGTH * float(np.sqrt((weights > 0).sum()))
+    assert campaign.independent is not None
     for effect in dd.effects.catalogue(dd.families.name_family(campaign)):
         if effect in posed.catalogue:
-            yield see_effect(posed, solution, weights, effect, goal)
+            yield see_effect(posed, solution, weights, effect, goal, campaign.independent.name)
 
 
-def see_effect(posed: SelectionProblem, solution, weights, effect, goal: float) -> Seen:
+def see_effect(posed: SelectionProblem, solution, weights, effect, goal: float, abscissa: str) -> Seen:
     """One effect where it shows most, at a size that leaves the wanted length, or as near as physics allows."""
     p = next(p for p in dd.effects.parameters_of(effect) if is_scored(p))
     name, u = f"{effect.id}.{p.name}", solution.u.copy()
@@ -79,7 +80,7 @@ def see_effect(posed: SelectionProblem, solution, weights, effect, goal: float) 
     shown = posed.space.public(name, u, 0.0)["estimate"]
     unit = posed.space.unit(name, u)
     return Seen(effect.id, f"{p.name} = {shown:.3g} {unit if unit != '1' else ''}".strip(), found.visible,
-                records.channels[channel], posed.campaign.independent.name,
+                records.channels[channel], abscissa,
                 np.asarray(records.stack.time)[record][inside], solution.channels[record, channel][inside],
                 moved.channels[record, channel][inside],
                 left[record, channel][inside] / weights[record, channel][inside])

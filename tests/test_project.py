@@ -273,8 +273,8 @@ def test_pages_of_keys_are_current(tmp_path):
 
 @pytest.mark.slow
 def test_printed_python_runs(tmp_path):
-    """The Python of README and of the guide's pages runs as it stands, page by page."""
-    paths = ROOT / "README.md", *sorted((ROOT / "docs" / "guide").glob("*.md"))
+    """The Python of README, front page and guide runs as it stands, page by page."""
+    paths = ROOT / "README.md", ROOT / "docs" / "index.md", *sorted((ROOT / "docs" / "guide").glob("*.md"))
     pages = {path: read_blocks(path, "python") for path in paths}
     own = pages[ROOT / "README.md"].pop()
     assert own in (ROOT / "docs" / "end_stop.py").read_text(encoding="utf-8")  # which test_discover.py runs

@@ -32,7 +32,7 @@ def read_tokens(path):
 def list_targets(path):
     """Files and anchors that a page links to or shows, and pages that its toctrees name."""
     for token in read_tokens(path):
-        target = token.attrGet("href") or token.attrGet("src")
+        target = str(token.attrGet("href") or token.attrGet("src") or "")
         if target and not re.match(r"https?:|mailto:", target):
             name, _, anchor = unquote(target).partition("#")
             yield (path.parent / name).resolve() if name else path, anchor
