@@ -357,6 +357,24 @@ def test_launcher_opens_notebooks(monkeypatch, tmp_path):
     assert len(calls) == 3  # nothing was started
 
 
+def test_launcher_builds_the_site(monkeypatch, tmp_path, capsys):
+    """`run.py site` sets the generator up and builds strictly; the path is told only of a site that was built."""
+    spec = importlib.util.spec_from_file_location("launcher", ROOT / "run.py")
+    launcher = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(launcher)
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert any(text.startswith("sphinx") for text in project["optional-dependencies"][launcher.EXTRAS["site"]])
+    monkeypatch.setattr(launcher, "choose_interpreter", lambda wanted: None)
+    monkeypatch.setattr(launcher, "set_up", lambda _, extra: str(tmp_path))
+    calls, code = [], [0]
+    monkeypatch.setattr(launcher.subprocess, "call", lambda command, **_: calls.append(command) or code[0])
+    for failed in (0, 2):
+        code[0] = failed
+        assert launcher.main(["site", "-E"]) == failed
+        assert calls[-1][1:3] == ["-m", "sphinx"] and {"-W", "-E"} <= set(calls[-1])
+        assert capsys.readouterr().out.strip() == ("" if failed else str(ROOT / "build" / "site" / "index.html"))
+
+
 def test_launcher_speaks_old_python():
     """run.py is understood by Python 3.6: no newer syntax."""
     ast.parse((ROOT / "run.py").read_text(encoding="utf-8"), feature_version=(3, 6))
