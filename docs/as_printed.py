@@ -188,6 +188,8 @@ def main(arguments: list[str] | None = None) -> int:
                 elif not command.startswith(LEFT_OUT) and (not given.only or given.only in command):
                     rows.append({"page": page, "line": line} | run(command, clone, activate))
                     report(rows, versions, given.output)
+        if not program:
+            continue
         name = f"blocks_of_{Path(page).stem.lower()}.py"
         (clone / name).write_text("\n\n".join(program), encoding="utf-8")
         if (page, f"python {name}") in done:

@@ -33,7 +33,7 @@ nb_execution_mode = "off"  # what notebooks show is kept in them
 default_role = "py:obj"  # `names` of docstrings lead to what they name, where the reference has it
 autodoc_member_order = "groupwise"
 autodoc_typehints = "signature"
-python_maximum_signature_line_length = 88
+python_maximum_signature_line_length = 120
 napoleon_use_ivar, napoleon_attr_annotations = True, False
 
 
@@ -47,12 +47,12 @@ def draw_equation(block: bool):
 
 
 def convert_docstring(app, what, name, thing, options, lines):
-    """Dollars around an equation, as docstrings and Markdown have them, as Sphinx wants it; bars are bars elsewhere."""
+    """From docstrings to what Sphinx wants: equations between dollars, bars that are bars, code that is indented."""
     if what == "module" and name != "ddetumble":  # its page begins with it
         lines.clear()
     parts = re.split(r"\$([^$]+)\$", "\n".join(lines))  # text and equations in turn
     parts = [f":math:`{part}`" if k % 2 else part.replace("|", r"\|") for k, part in enumerate(parts)]
-    lines[:] = "".join(parts).split("\n")
+    lines[:] = re.sub(r":\n\n(?=    )", r"::\n\n", "".join(parts)).split("\n")
 
 
 def setup(app):

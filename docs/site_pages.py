@@ -55,7 +55,8 @@ def describe(module: ModuleType, name: str) -> str:
     """The first sentence on a public name: of its docstring, or of a constant in that of its namespace; '' if none."""
     thing = getattr(module, name)
     if inspect.isclass(thing) or inspect.isroutine(thing):
-        return take_sentence(inspect.getdoc(thing) or "")
+        text = thing.__doc__ or ""  # its own, not that of a class which it derives from
+        return "" if text.startswith(f"{thing.__name__}(") else take_sentence(text)  # or of a dataclass by itself
     found = re.search(rf"^    {name}: (.+)$", module.__doc__ or "", re.M)
     return found[1][:1].upper() + found[1][1:] if found else ""
 

@@ -1,9 +1,11 @@
 """The documentation: links lead somewhere, public names are explained, what is generated is current, and it builds."""
 
+import dataclasses as dc
 import importlib.util
 import re
 import subprocess
 import sys
+import types
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote
@@ -94,6 +96,17 @@ def test_every_public_name_is_in_the_reference(module):
     assert names
     assert not [name for name in names if not site_pages.describe(module, name)]
     assert not [name for name in names if f"| `{name}` | " not in page]
+
+
+def test_names_without_a_docstring_are_found():
+    """A function, a class that only inherits one, a dataclass that only shows its fields, and a constant."""
+    module = types.ModuleType("own")
+    vars(module).update(function=lambda: None, derived=type("derived", (site_pages.Family,), {}), constant=1,
+                        record=dc.make_dataclass("record", ["field"]))
+    assert site_pages.list_public(module) == ["constant", "derived", "function", "record"]
+    assert not [name for name in site_pages.list_public(module) if site_pages.describe(module, name)]
+    module.__doc__ = "A module.\n\nAttributes:\n    constant: one of them.\n"
+    assert site_pages.describe(module, "constant") == "One of them."
 
 
 @pytest.mark.parametrize("name", MADE)
