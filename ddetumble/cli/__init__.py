@@ -18,7 +18,7 @@ from .places import words_now
 
 
 # In the order in which the help lists their commands.
-for _module in ("story", "measurement", "selection", "estimation", "catalogue", "sampling", "planning", "results",
+for _module in ("story", "workbench", "measurement", "selection", "estimation", "catalogue", "sampling", "planning", "results",
                 "upkeep"):
     importlib.import_module(f".{_module}", __name__)
 
