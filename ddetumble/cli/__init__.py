@@ -18,8 +18,8 @@ from .places import words_now
 
 
 # In the order in which the help lists their commands.
-for _module in ("story", "workbench", "measurement", "selection", "estimation", "catalogue", "sampling", "planning", "results",
-                "upkeep"):
+for _module in ("story", "workbench", "measurement", "selection", "estimation", "catalogue", "sampling", "planning",
+                "results", "upkeep"):
     importlib.import_module(f".{_module}", __name__)
 
 

@@ -1,6 +1,7 @@
 """The command `workbench`, which opens a campaign in the browser."""
 
 import importlib.util
+import secrets
 import subprocess
 import sys
 from pathlib import Path
@@ -33,8 +34,8 @@ def open_workbench(
 
     resolve_model(model, name_family(read_campaign(path)))  # what is wrong with either is said here, not on the page
     page = Path(__file__).parent.parent / "workbench" / "page.py"
-    # The page is of this machine alone, and of whoever has the word in its address.
-    words = [sys.executable, "-m", "marimo", "run", str(page), "--host", "127.0.0.1", "--token", "--no-sandbox",
-             *(["--port", str(port)] if port else []), *([] if browser else ["--headless"]),
-             "--", "--campaign", campaign, "--model", model]
-    return subprocess.run(words, check=False).returncode
+    # The page is for this machine alone, and for who has the word in its address: other users of the machine have not.
+    words = [sys.executable, "-m", "marimo", "run", str(page), "--host", "127.0.0.1", "--no-sandbox", "--no-check",
+             "--token", "--token-password-file", "-", *(["--port", str(port)] if port else []),
+             *([] if browser else ["--headless"]), "--", "--campaign", campaign, "--model", model]
+    return subprocess.run(words, check=False, text=True, input=secrets.token_urlsafe(16)).returncode

@@ -54,6 +54,16 @@ class Bench:
         """The step that is looked at."""
         return self.steps[self.current - 1]
 
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels that the model is compared in."""
+        return tuple(dict.fromkeys(trace.channel for trace in self.step.errors.traces))
+
+    @property
+    def are_values(self) -> bool:
+        """Whether a test gives one value, and no curve."""
+        return all(trace.is_value for trace in self.step.errors.traces)
+
     def take(self, step: Step) -> "Bench":
         """With one step more, which is looked at."""
         return dc.replace(self, steps=(*self.steps, step), current=step.number)
@@ -79,6 +89,11 @@ class Control:
     held: float  # where `fit` holds it otherwise
 
     @property
+    def shown(self) -> float:
+        """The value, rounded for people: a control that stands there was not moved."""
+        return _shorten(self.value)
+
+    @property
     def slides(self) -> bool:
         """Whether it is the amplitude of an effect, which a slider moves from nothing to plain to see."""
         return self.about.kind == "amplitude"
@@ -86,8 +101,8 @@ class Control:
     @property
     def label(self) -> str:
         """Name and unit of what is moved."""
-        inverse, unit = self.about.transform.reciprocal, self.about.unit
-        return (f"1/{self.name}" if inverse else self.name) + (f" [{f'1/({unit})' if inverse else unit}]" if unit else "")
+        over = "1/" if self.about.transform.reciprocal else ""
+        return f"{over}{self.name}" + (f" [{over}{self.about.unit}]" if self.about.unit else "")
 
     def publish(self, value: float) -> float:
         """A value of the field in the parameter's public unit."""
@@ -164,7 +179,12 @@ def _find_range(one: dd.effects.Parameter, value: float) -> tuple[float, float]:
     if not one.transform.reciprocal:
         low, high = max(low, min(one.limits[0], one.default)), min(high, max(one.limits[1], one.default))
     # An estimate may lie beyond its null, on the side that physics does not allow.
-    return min(float(f"{max(ends[0], low):.3g}"), value), max(float(f"{min(ends[1], high):.3g}"), value)
+    shown = _shorten(value)
+    return min(_shorten(max(ends[0], low), 3), shown), max(_shorten(min(ends[1], high), 3), shown)
+
+
+def _shorten(value: float, digits: int = 6) -> float:
+    return float(f"{value:.{digits}g}")
 
 
 def choose(controls: Iterable[Control], effects: Iterable[str], values: Mapping[str, float],
@@ -172,12 +192,12 @@ def choose(controls: Iterable[Control], effects: Iterable[str], values: Mapping[
     """What the controls say, where they stand at `values` and `fitted`; what is not given stands where it was."""
     controls = list(controls)
     moved = {one.name: float(values[one.name]) for one in controls
-             if values.get(one.name) is not None and values[one.name] != one.value}
+             if values.get(one.name) is not None and values[one.name] not in (one.value, one.shown)}
     return Choice(tuple(effects), moved,
                   frozenset(one.name for one in controls if not fitted.get(one.name, one.fitted)))
 
 
-def simulate(bench: Bench, choice: Choice) -> Done | None:
+def simulate(bench: Bench, choice: Choice, progress: Progress = None) -> Done | None:
     """The model where the controls stand, computed exactly and not fitted, beside the measurements: a `Comparison`.
 
     None where it is the model of the step itself. Only the settings of the records move, within their uncertainty.
@@ -205,7 +225,7 @@ def simulate(bench: Bench, choice: Choice) -> Done | None:
         made = made + part
     lines = [f"law = step_{step.number}.fitted_model().law()", f"law = {' + '.join(texts)}",
              "trial = dd.compare(campaign, law, refit=False)", "print(trial)"]
-    return Done(dd.compare(bench.campaign, made, refit=False), write_code(bench, step.number, *lines))
+    return Done(dd.compare(bench.campaign, made, refit=False, progress=progress), write_code(bench, step.number, *lines))
 
 
 def _list_moved(module: Any, owner: str, moved: Mapping[str, float]) -> dict[str, float]:
@@ -282,9 +302,10 @@ def discover(bench: Bench, progress: Progress = None) -> Bench:
     best, first = found.best, bench.steps[0].fit
     model = step.model if found.model == step.fit.model else found.model
     effects = tuple(e for e in best.effects if e not in first.effects or model != bench.steps[0].model)
+    done = f"discover from step {step.number}: {', '.join([found.verdict, *found.effects])}"
     code = (f"found_{number} = dd.discover(campaign, {repr(step.model) if alone else f'step_{step.number}'})",
             f"step_{number} = found_{number}.best")
-    return bench.take(Step(number, f"discover from step {step.number}: {found.verdict}", code, 0 if alone else step.number,
+    return bench.take(Step(number, done, code, 0 if alone else step.number,
                            model, effects, best, dd.compare(bench.campaign, best), found))
 
 
@@ -311,7 +332,7 @@ def design(bench: Bench, rival: int | None = None, progress: Progress = None) ->
     return Done(result, _write(bench, needed, (f"test = dd.design({text})", "print(test)")))
 
 
-def save(bench: Bench, folder: str) -> Done:
+def save(bench: Bench, folder: str, progress: Progress = None) -> Done:
     """Write the step, the ledger and their reports into a folder, whole or not at all; returns its path.
 
     The step is what `ddetumble predict` and `design` go on from (`model.json`); `comparison.html` is the report of all
@@ -330,7 +351,7 @@ def save(bench: Bench, folder: str) -> Done:
         f"steps = dd.compare(campaign, {', '.join(f'step_{one.number}' for one in bench.steps)})",
         f"steps.save({folder!r})", f"{name}.save({folder!r})", f"print(dd.report(steps, {folder!r}))",
         f"print(dd.report({name}, {folder!r}))"))
-    steps: Any = dd.compare(bench.campaign, *(one.fit for one in bench.steps))
+    steps: Any = dd.compare(bench.campaign, *(one.fit for one in bench.steps), progress=progress)
     result = step.found or step.fit
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
