@@ -36,6 +36,7 @@ LAYERS = (
     {"planning"},
     {"reports", "figures", "paper", "demo"},
     {"exam"},
+    {"workbench"},
     {"cli"},
 )
 # Comparisons with the name of a family of tests; what is compared with "slip" may be the channel of that name.

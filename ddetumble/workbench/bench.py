@@ -34,10 +34,15 @@ class Step:
     errors: dd.Comparison
     found: dd.Discovery | None = None  # where `discover` made it
 
+    @functools.cached_property
+    def law(self) -> Any:
+        """The fitted law, with every effect that it has, whatever brought it."""
+        return self.fit.fitted_model().law()
+
     @property
     def name(self) -> str:
         """Number and model, as rows of a ledger and legends of figures say it."""
-        return f"{self.number}: {' + '.join([self.fit.model, *self.fit.effects])}"
+        return f"{self.number}: {' + '.join([self.fit.model, *(effect.id for effect in self.law.effects)])}"
 
 
 @dc.dataclass(frozen=True)
@@ -141,7 +146,7 @@ def open_bench(source: str, model: str = "paper", progress: Progress = None) -> 
 
 def list_effects(bench: Bench) -> dict[str, type[dd.effects.AbstractEffect]]:
     """Effects that can extend the model of the step, by id: those of the catalogue that its records could show."""
-    own = {effect.id for effect in bench.step.fit.fitted_model().law().effects} - {*bench.step.effects}
+    own = {effect.id for effect in bench.step.law.effects} - {*bench.step.effects}
     return {effect.id: effect for effect in bench.step.fit.space.effects
             if effect.id not in own and getattr(dd.effects, effect.__name__, None) is effect}
 
@@ -149,16 +154,17 @@ def list_effects(bench: Bench) -> dict[str, type[dd.effects.AbstractEffect]]:
 def list_controls(bench: Bench, effects: Iterable[str]) -> list[Control]:
     """Controls of the reference model, of the effects that the model has, and of those that are chosen."""
     step, first = bench.step, bench.steps[0].fit
-    law, usable, found = step.fit.fitted_model().law(), list_effects(bench), []
-    chosen = [*(e for e in law.effects if e.id not in step.effects or e.id in effects)]
-    chosen += [usable[name]() for name in effects if name not in {e.id for e in chosen}]
+    law, usable, found = step.law, list_effects(bench), []
+    there = {effect.id for effect in law.effects}
+    chosen = [e for e in law.effects if e.id not in step.effects or e.id in effects]
+    chosen += [usable[name]() for name in effects if name not in there]
     for owner in (law.reference, *chosen):
         for one in dd.effects.parameters_of(owner):
             name = one.name if owner is law.reference else f"{owner.id}.{one.name}"
             value = float(functools.reduce(getattr, one.field.split("."), owner))
             known = name in first.parameters or name in first.fixed
             low, high = _find_range(one, value)
-            new = owner is not law.reference and owner.id not in step.fit.effects
+            new = owner is not law.reference and owner.id not in there
             found.append(Control(
                 name, one, value, low, high, one.free if new else name in step.fit.parameters,
                 name in first.parameters if known else one.free,
@@ -202,8 +208,7 @@ def simulate(bench: Bench, choice: Choice, progress: Progress = None) -> Done | 
 
     None where it is the model of the step itself. Only the settings of the records move, within their uncertainty.
     """
-    step = bench.step
-    law = step.fit.fitted_model().law()
+    step, law = bench.step, bench.step.law
     places = [(law.reference, "law.reference", "")]
     places += [(effect, f"law.effects[{k}]", effect.id) for k, effect in enumerate(law.effects)
                if effect.id not in step.effects or effect.id in choice.effects]
@@ -225,7 +230,8 @@ def simulate(bench: Bench, choice: Choice, progress: Progress = None) -> Done | 
         made = made + part
     lines = [f"law = step_{step.number}.fitted_model().law()", f"law = {' + '.join(texts)}",
              "trial = dd.compare(campaign, law, refit=False)", "print(trial)"]
-    return Done(dd.compare(bench.campaign, made, refit=False, progress=progress), write_code(bench, step.number, *lines))
+    result = dd.compare(bench.campaign, made, refit=False, progress=progress)
+    return Done(result, write_code(bench, step.number, *lines))
 
 
 def _list_moved(module: Any, owner: str, moved: Mapping[str, float]) -> dict[str, float]:
@@ -297,22 +303,23 @@ def _fit(bench: Bench, model: str, effects: tuple[str, ...], fixed: Mapping[str,
 def discover(bench: Bench, progress: Progress = None) -> Bench:
     """Let `discover` go on from the model of the step; what it ends with is one step more."""
     step, number = bench.step, len(bench.steps) + 1
-    alone = not step.fit.effects  # a model without effects is the reference model, and needs no step
+    alone = not step.law.effects  # a model without effects is the reference model, and needs no step
     found = dd.discover(bench.campaign, step.model if alone else step.fit, progress=progress)
-    best, first = found.best, bench.steps[0].fit
+    # Where it went over to another reference model, that one is extended from here on.
+    best, first = found.best, bench.steps[0]
     model = step.model if found.model == step.fit.model else found.model
-    effects = tuple(e for e in best.effects if e not in first.effects or model != bench.steps[0].model)
+    own = {effect.id for effect in first.law.effects} if model == first.model else set()
+    effects = tuple(effect.id for effect in best.fitted_model().law().effects if effect.id not in own)
     done = f"discover from step {step.number}: {', '.join([found.verdict, *found.effects])}"
     code = (f"found_{number} = dd.discover(campaign, {repr(step.model) if alone else f'step_{step.number}'})",
             f"step_{number} = found_{number}.best")
-    return bench.take(Step(number, done, code, 0 if alone else step.number,
-                           model, effects, best, dd.compare(bench.campaign, best), found))
+    return bench.take(Step(number, done, code, 0 if alone else step.number, model, effects, best,
+                           dd.compare(bench.campaign, best), found))
 
 
 def draw_missing(bench: Bench, progress: Progress = None) -> Done:
     """The force that the model of the step lacks: a `MissingForce`."""
-    step = bench.step
-    alone = not step.fit.effects
+    step, alone = bench.step, not bench.step.law.effects
     line = f"missing = dd.draw_missing_force(campaign, {repr(step.model) if alone else f'step_{step.number}'})"
     result = dd.draw_missing_force(bench.campaign, step.model if alone else step.fit, progress=progress)
     return Done(result, write_code(bench, 0 if alone else step.number, line, "print(missing)"))
@@ -365,7 +372,8 @@ def save(bench: Bench, folder: str, progress: Progress = None) -> Done:
             (draft / "steps.py").write_text(code, encoding="utf-8")
             os.replace(draft, path)
     except OSError as error:
-        raise dd.InputError(f"the folder cannot be written ({(error.strerror or 'unknown').lower()})", file=path) from None
+        reason = (error.strerror or type(error).__name__).lower()
+        raise dd.InputError(f"the folder cannot be written ({reason})", file=path) from None
     return Done(path, code)
 
 

@@ -48,9 +48,9 @@ def show(draw, *arguments, alt):
     """A figure, and the one for a telephone where the window is narrow."""
     wide, narrow = (base64.b64encode(dd.figures.render_png(draw(*arguments, **more))).decode()
                     for more in ({}, {"narrow": True}))
-    return mo.Html(
-        f'<picture><source media="(max-width: 640px)" srcset="data:image/png;base64,{narrow}"><img '
-        f'src="data:image/png;base64,{wide}" alt="{html.escape(alt)}" style="max-width: 100%; max-height: 75vh"></picture>')
+    return mo.Html(f'<picture><source media="(max-width: 640px)" srcset="data:image/png;base64,{narrow}">'
+                   f'<img src="data:image/png;base64,{wide}" alt="{html.escape(alt)}" '
+                   'style="max-width: 100%; max-height: 75vh"></picture>')
 
 
 @app.function
@@ -62,8 +62,8 @@ def attempt(title, work, *arguments):
         told[:] = text, share
 
     try:
-        with (mo.status.progress_bar(total=100, title=title, show_eta=False, show_rate=False, remove_on_exit=True) as bar,
-              ThreadPoolExecutor(1) as pool):
+        with (mo.status.progress_bar(total=100, title=title, show_eta=False, show_rate=False, remove_on_exit=True)
+              as bar, ThreadPoolExecutor(1) as pool):
             # Work that tells of itself from threads of its own could not write to the page.
             future, done = pool.submit(work, *arguments, report), 0
             while not future.done():
@@ -121,8 +121,8 @@ def _(bench, controls, effects, fit_button, fitted, record, refused, trial, valu
     _laws = [say(f"{name}: {wb.list_effects(bench)[name].law}", SMALL) for name in effects.value]
     _rows = [mo.vstack([say(one.label, SMALL), mo.hstack([values[one.name], fitted[one.name]], widths=[4, 1],
                                                          align="center")], gap=0) for one in controls]
-    _told = say(f"{'This step' if trial is None else 'Where the controls stand'}: error {100 * _errors.nrmse:.2f} %; noise "
-                f"alone makes {100 * _errors.noise_nrmse:.2f} %.", SMALL)
+    _told = say(f"{'This step' if trial is None else 'Where the controls stand'}: error {100 * _errors.nrmse:.2f} %; "
+                f"noise alone makes {100 * _errors.noise_nrmse:.2f} %.", SMALL)
     _one = {name: [trace for trace in traces if trace.record == record.value] for name, traces in shown.items()}
     _pictures = [
         show(dd.figures.draw_values, shown, channel, alt=f"Measured and modelled {channel} of every record.")
@@ -178,8 +178,9 @@ def _(bench, shown):
     mo.stop(bench.are_values)  # whose residuals are all seen beside the measurements
     mo.vstack([
         mo.md("## Where the residuals sit"),
-        *(show(dd.figures.draw_dependence, shown, channel, bench.step.errors.noise.get(channel), bench.step.errors.where,
-               alt=f"Mean residual of {channel} by state and condition.") for channel in bench.channels),
+        *(show(dd.figures.draw_dependence, shown, channel, bench.step.errors.noise.get(channel),
+               bench.step.errors.where, alt=f"Mean residual of {channel} by state and condition.")
+          for channel in bench.channels),
         show(dd.figures.draw_record_errors, shown, alt="Error over the noise by condition.")])
     return
 
