@@ -154,14 +154,14 @@ def _(bench, choice, fit_button, set_bench):
 @app.cell
 def _(bench, set_bench):
     _found = bench.step.found
-    _back = mo.ui.dropdown({one.name: one.number for one in bench.steps}, value=bench.step.name,
+    back = mo.ui.dropdown({one.name: one.number for one in bench.steps}, value=bench.step.name,
                            label="Look at, and go on from, step",
                            on_change=lambda number: number and set_bench(bench.go_back(number)))
     mo.vstack([
         mo.md("## The error ledger"),
         mo.ui.table(wb.list_errors(bench), selection=None, show_column_summaries=False, show_data_types=False,
                     show_download=False, show_search=False, wrapped_columns=["done"]),
-        _back,
+        back,
         show(dd.figures.draw_error_by_step, [one.name for one in bench.steps], [one.errors for one in bench.steps],
              bench.step.errors.noise_nrmse, alt="Error by step, fitted and cross-validated, with the noise floor."),
         say(_found.sentence if _found else bench.step.errors.sentence),
@@ -170,7 +170,7 @@ def _(bench, set_bench):
         code(wb.write_step(bench)),
         mo.accordion({"This step in full": mo.plain_text(str(bench.step.fit)),
                       "All steps as a script": code(wb.write_script(bench))})])
-    return
+    return (back,)
 
 
 @app.cell
