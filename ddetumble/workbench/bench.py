@@ -144,8 +144,10 @@ def open_bench(source: str, model: str = "paper", progress: Progress = None) -> 
     return _fit(bench, model, (), {}, [], f"fitted {model}", progress)
 
 
-def list_effects(bench: Bench) -> dict[str, type[dd.effects.AbstractEffect]]:
-    """Effects that can extend the model of the step, by id: those of the catalogue that its records could show."""
+def list_effects(bench: Bench) -> dict[str, Any]:
+    """Classes of effects that can extend the model of the step, by id: those of the catalogue that its records could
+    show.
+    """
     own = {effect.id for effect in bench.step.law.effects} - {*bench.step.effects}
     return {effect.id: effect for effect in bench.step.fit.space.effects
             if effect.id not in own and getattr(dd.effects, effect.__name__, None) is effect}

@@ -13,6 +13,7 @@ with app.setup:
     import html
     import time
     from concurrent.futures import ThreadPoolExecutor
+    from typing import Any
 
     import marimo as mo
 
@@ -54,7 +55,7 @@ def show(draw, *arguments, alt):
 
 
 @app.function
-def attempt(title, work, *arguments):
+def attempt(title, work, *arguments) -> tuple[Any, Any]:
     """Do long work under a bar; returns its result, or None and a box that says why it was refused."""
     told = [title, 0.0]
 
@@ -83,20 +84,21 @@ def _():
                                  str(_given.get("campaign")), str(_given.get("model") or "paper"))
     mo.stop(_started is None, _refused)
     get_bench, set_bench = mo.state(_started)
-    return get_bench, set_bench
+    _campaign = _started.campaign
+    _keys = [str(key) for key in _campaign.record_keys]
+    record = mo.ui.dropdown(_keys, value=_keys[0], label="Record")
+    mo.vstack([say(_campaign.title or _campaign.name, "font-size: 1.5rem; padding-right: 3rem"),
+               say(f"{_campaign.name}: {len(_keys)} records. Below each action stand the Python lines that do the "
+                   "same.")])
+    return get_bench, record, set_bench
 
 
 @app.cell
 def _(get_bench):
     bench = get_bench()
-    record = mo.ui.dropdown([str(key) for key in bench.campaign.record_keys], value=str(bench.campaign.record_keys[0]),
-                            label="Record")
     effects = mo.ui.multiselect(list(wb.list_effects(bench)), value=list(bench.step.effects),
                                 label="Effects in the model", full_width=True)
-    mo.vstack([say(bench.campaign.title or bench.campaign.name, "font-size: 1.5rem; padding-right: 3rem"),
-               say(f"{bench.campaign.name}: {len(bench.campaign.records)} records. Below each action stand the Python "
-                   "lines that do the same.")])
-    return bench, effects, record
+    return bench, effects
 
 
 @app.cell
@@ -136,16 +138,17 @@ def _(bench, controls, effects, fit_button, fitted, record, refused, trial, valu
 
 
 @app.cell
-def _(bench, controls, effects, fitted, values):
-    choice = wb.choose(controls, effects.value, values.value, fitted.value)
-    trial, refused = attempt("computing the model where the controls stand", wb.simulate, bench, choice)
-    return choice, refused, trial
+def _(bench, controls, effects, values):
+    trial, refused = attempt("computing the model where the controls stand", wb.simulate, bench,
+                             wb.choose(controls, effects.value, values.value, {}))
+    return refused, trial
 
 
 @app.cell
-def _(bench, choice, fit_button, set_bench):
+def _(bench, controls, effects, fit_button, fitted, set_bench, values):
     mo.stop(not fit_button.value)
-    _new, _refused = attempt("fitting", wb.fit, bench, choice)
+    _new, _refused = attempt("fitting", wb.fit, bench,
+                             wb.choose(controls, effects.value, values.value, fitted.value))
     mo.stop(_new is None, _refused)
     set_bench(_new)
     return
