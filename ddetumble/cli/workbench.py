@@ -2,6 +2,7 @@
 
 import importlib.util
 import secrets
+import signal
 import socket
 import subprocess
 import sys
@@ -45,5 +46,6 @@ def open_workbench(
     words = [sys.executable, "-m", "marimo", "run", str(page), "--host", HOST, "--no-sandbox", "--no-check",
              "--token", "--token-password-file", "-", *(["--port", str(port)] if port else []),
              *([] if browser else ["--headless"]), "--", "--campaign", campaign, "--model", model]
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # so that the page ends with the command
     if subprocess.run(words, check=False, text=True, input=secrets.token_urlsafe(16)).returncode:
         raise ComputationError("the page has ended with an error, which stands above")
