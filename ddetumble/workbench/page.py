@@ -122,7 +122,8 @@ def _(bench, controls, effects, fit_button, fitted, record, refused, trial, valu
     _errors = bench.step.errors if trial is None else trial.result
     _laws = [say(f"{name}: {wb.list_effects(bench)[name].law}", SMALL) for name in effects.value]
     _rows = [mo.vstack([say(one.label, SMALL), mo.hstack([values[one.name], fitted[one.name]], widths=[4, 1],
-                                                         align="center")], gap=0) for one in controls]
+                                                         align="center")], gap=0)
+             for one in sorted(controls, key=lambda one: "." not in one.name)]  # effects first
     _told = say(f"{'This step' if trial is None else 'Where the controls stand'}: error {100 * _errors.nrmse:.2f} %; "
                 f"noise alone makes {100 * _errors.noise_nrmse:.2f} %.", SMALL)
     _one = {name: [trace for trace in traces if trace.record == record.value] for name, traces in shown.items()}
