@@ -45,12 +45,13 @@ def row(*parts, flex="0 1 auto"):
 
 
 @app.function
-def show(draw, *arguments, alt):
-    """A figure, and the one for a telephone where the window is narrow."""
-    wide, narrow = (base64.b64encode(dd.figures.render_png(draw(*arguments, **more))).decode()
-                    for more in ({}, {"narrow": True}))
-    return mo.Html(f'<picture><source media="(max-width: 640px)" srcset="data:image/png;base64,{narrow}">'
-                   f'<img src="data:image/png;base64,{wide}" alt="{html.escape(alt)}" '
+def show(draw, *arguments, alt, narrow=True):
+    """A figure, and the one for a telephone where the window is narrow (if there is one)."""
+    looks = [{}, {"narrow": True}] if narrow else [{}]
+    wide, *rest = (f"data:image/png;base64,{base64.b64encode(dd.figures.render_png(draw(*arguments, **look))).decode()}"
+                   for look in looks)
+    source = "".join(f'<source media="(max-width: 640px)" srcset="{one}">' for one in rest)
+    return mo.Html(f'<picture>{source}<img src="{wide}" alt="{html.escape(alt)}" '
                    'style="max-width: 100%; max-height: 75vh"></picture>')
 
 
@@ -130,7 +131,8 @@ def _(bench, controls, effects, fit_button, fitted, record, refused, trial, valu
     _pictures = [
         show(dd.figures.draw_values, shown, channel, alt=f"Measured and modelled {channel} of every record.")
         if bench.are_values else
-        show(dd.figures.draw_fit, _one, channel, 1, alt=f"Measured and modelled {channel}, with the residual below.")
+        show(dd.figures.draw_fit, _one, channel, 1, alt=f"Measured and modelled {channel}, with the residual below.",
+             narrow=False)
         for channel in bench.channels]
     row(mo.vstack([mo.md("## The model"), effects, *_laws, *_rows, fit_button, _told, *([refused] if refused else [])]),
         mo.vstack([*([] if bench.are_values else [record]), *_pictures, *([code(trial.code)] if trial else [])]),
@@ -180,12 +182,12 @@ def _(bench, set_bench):
 @app.cell
 def _(bench, shown):
     mo.stop(bench.are_values)  # whose residuals are all seen beside the measurements
-    mo.vstack([
-        mo.md("## Where the residuals sit"),
+    mo.vstack([mo.md("## Where the residuals sit"), mo.lazy(lambda: mo.vstack([  # drawn where it is scrolled to
         *(show(dd.figures.draw_dependence, shown, channel, bench.step.errors.noise.get(channel),
                bench.step.errors.where, alt=f"Mean residual of {channel} by state and condition.")
           for channel in bench.channels),
-        show(dd.figures.draw_record_errors, shown, alt="Error over the noise by condition.")])
+        show(dd.figures.draw_record_errors, shown, alt="Error over the noise by condition.")]),
+        show_loading_indicator=True)])
     return
 
 
@@ -229,8 +231,8 @@ def _(bench, design_button, rival):
     _done, _refused = attempt("looking for the next test", wb.design, bench, rival.value)
     mo.stop(_done is None, _refused)
     mo.vstack([mo.md("## The next test"), say(_done.result.sentence),
-               show(lambda found, narrow=False: dd.figures.draw_next_test(found), _done.result,
-                    alt="What each model predicts of the next test."), code(_done.code)])
+               show(dd.figures.draw_next_test, _done.result, alt="What each model predicts of the next test.",
+                    narrow=False), code(_done.code)])
     return
 
 
