@@ -269,3 +269,10 @@ def test_the_page_does_what_its_lines_say(page, monkeypatch):
     tab.get_by_label("Look at, and go on from, step").select_option(index=0)
     tab.locator("pre", has_text="print(dd.compare(campaign, step_1))").wait_for()
     assert tab.evaluate("document.body.dataset.taken") is None
+    # On a telephone nothing sticks out, and of each pair of pictures the narrow one has the room.
+    for width in (1280, 400):
+        tab.set_viewport_size({"width": width, "height": 2400})
+        pair = tab.get_by_alt_text("Error by step")
+        shown = [box["width"] for box in (one.bounding_box() for one in pair.all()) if box]
+        assert sorted(size > 300 for size in shown) == [False, True] and (shown[1] > 300) == (width == 400)
+        assert tab.evaluate("document.documentElement.scrollWidth") <= width

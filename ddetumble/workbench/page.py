@@ -47,12 +47,13 @@ def row(*parts, flex="0 1 auto"):
 @app.function
 def show(draw, *arguments, alt, narrow=True):
     """A figure, and the one for a telephone where the window is narrow (if there is one)."""
-    looks = [{}, {"narrow": True}] if narrow else [{}]
-    wide, *rest = (f"data:image/png;base64,{base64.b64encode(dd.figures.render_png(draw(*arguments, **look))).decode()}"
-                   for look in looks)
-    source = "".join(f'<source media="(max-width: 640px)" srcset="{one}">' for one in rest)
-    return mo.Html(f'<picture>{source}<img src="{wide}" alt="{html.escape(alt)}" '
-                   'style="max-width: 100%; max-height: 75vh"></picture>')
+    # The one for the other kind of window has no width: what is drawn late may bring neither style sheets nor `srcset`.
+    looks = [({}, "100vw - 640px"), ({"narrow": True}, "640px - 100vw")] if narrow else [({}, "100vw")]
+    pictures = [(base64.b64encode(dd.figures.render_png(draw(*arguments, **look))).decode(), room)
+                for look, room in looks]
+    return mo.Html("".join(
+        f'<img src="data:image/png;base64,{picture}" alt="{html.escape(alt)}" '
+        f'style="max-width: clamp(0px, ({room}) * 9999, 100%); max-height: 75vh">' for picture, room in pictures))
 
 
 @app.function
