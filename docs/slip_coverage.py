@@ -2,8 +2,9 @@
 
 Campaigns of 24 strokes at 12 loads from 5 to 28 N and two pressures, by the second simulator, with noise of 0.01 N and
 settings as uncertain as stated; K and tan delta_L are drawn anew for each. All eleven coefficients of Eq. 10 with K and
-tan delta_L are fitted by `dd.fit`, from Eq. 10, and the first campaigns are sampled, too. A folder that holds some of
-the campaigns already is gone on with.
+tan delta_L are fitted by `dd.fit`, from Eq. 10. Of the first campaigns intervals that take a curve for a straight line
+are found by refitting, too (`Fit.profiled`), and posteriors are sampled. A folder that holds some of the campaigns
+already is gone on with.
 """
 
 import argparse
@@ -38,8 +39,9 @@ def simulate(seed: int, folder: Path) -> tuple[dd.Campaign, dict[str, float]]:
     return dd.read_campaign(folder), rubber
 
 
-def judge(seed: int, sampled: bool) -> dict[str, Any]:
-    """Truth, estimate and 95 % interval of every parameter of one campaign, by the fit and by its posterior."""
+def judge(seed: int, profiled: bool, sampled: bool) -> dict[str, Any]:
+    """Truth, estimate and 95 % interval of every parameter of one campaign, by the fit, of those whose valley is curved
+    by refitting, and by the posterior."""
     printed = dd.contact.SlipCurves()
     with tempfile.TemporaryDirectory() as draft:
         campaign, rubber = simulate(seed, Path(draft) / "campaign")
@@ -48,6 +50,11 @@ def judge(seed: int, sampled: bool) -> dict[str, Any]:
         row: dict[str, Any] = {
             "seed": seed, "reduced": fit.chi2_reduced, "converged": fit.converged,
             "fit": {n: [truth[n], p.estimate, p.sd, p.q025, p.q975] for n, p in fit.parameters.items()}}
+        if profiled:
+            mended = fit.profiled()
+            row["profile"] = {n: [*row["fit"][n][:3], mended.parameters[n].q025, mended.parameters[n].q975]
+                              for n in mended.profiles}
+            row["same"] = {n: row["fit"][n] for n in mended.profiles}
         if sampled:
             found = dd.sample(fit, seed=seed, most=STEPS, block=BLOCK, effective=10**6)
             row |= {"rhat": float(found.convergence.rhat), "effective": float(found.convergence.effective),
@@ -71,10 +78,14 @@ def describe(rows: list[dict]) -> str:
     names = list(rows[0]["fit"])
     pulls = {n: np.array([(row["fit"][n][1] - row["fit"][n][0]) / row["fit"][n][2] for row in rows]) for n in names}
     lines = ["# Intervals of Eq. 10", "", *str(__doc__).strip().splitlines()[2:], "", "Made by", "",
-             f"    python -m docs.slip_coverage -o fits/slip-coverage --campaigns {len(rows)} --sampled {len(sampled)}",
+             f"    python -m docs.slip_coverage -o fits/slip-coverage --campaigns {len(rows)} --profiled "
+             f"{sum('profile' in row for row in rows)} --sampled {len(sampled)}",
              "", f"- Fits: {show_share(rows, 'fit')} hold the truth; reduced chi-square "
              f"{np.mean([row['reduced'] for row in rows]):.3f} on average, {sum(row['converged'] for row in rows)} of "
              f"{len(rows)} converged."]
+    if any("profile" in row for row in rows):
+        lines.append(f"- Intervals that take a curve for a straight line, found by refitting: "
+                     f"{show_share(rows, 'profile')} hold the truth; before, {show_share(rows, 'same')}.")
     if sampled:
         worst = max(row["rhat"] for row in sampled)
         least = min(row["effective"] for row in sampled)
@@ -93,15 +104,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument("--campaigns", type=int, default=100)
-    parser.add_argument("--sampled", type=int, default=100, help="of these, the first that are sampled, too")
+    parser.add_argument("--profiled", type=int, default=100, help="of these, the first with refitted intervals, too")
+    parser.add_argument("--sampled", type=int, default=100, help="and the first that are sampled, too")
     given = parser.parse_args()
     given.output.mkdir(parents=True, exist_ok=True)
     path = given.output / "campaigns.jsonl"
     rows = {row["seed"]: row for row in map(json.loads, path.read_text("utf-8").splitlines())} if path.exists() else {}
     for seed in range(1, given.campaigns + 1):
-        sampled = seed <= given.sampled
-        if seed not in rows or (sampled and "posterior" not in rows[seed]):
-            rows[seed] = judge(seed, sampled)
+        wanted = {"profile": seed <= given.profiled, "posterior": seed <= given.sampled}
+        if seed not in rows or any(asked and key not in rows[seed] for key, asked in wanted.items()):
+            old = rows.get(seed, {})
+            rows[seed] = old | judge(seed, *(asked and key not in old for key, asked in wanted.items()))
             print(f"{seed} of {given.campaigns}", flush=True)
             path.write_text("".join(json.dumps(rows[key]) + "\n" for key in sorted(rows)), encoding="utf-8")
     text = describe([rows[key] for key in sorted(rows)][: given.campaigns])

@@ -156,11 +156,36 @@ def test_profiles(noisy):
         noisy.profile("a_1")
 
 
+def test_bends(noisy):
+    """Chi-square at either end of an interval, the others moved along by linear theory, as formulas written out here
+    have it; profiles mend those that are bent, and no others.
+    """
+    found, load = refit(noisy), 28.0
+    covariance, force = np.linalg.inv(found.jac.T @ found.jac), noisy.source.samples["tangential_force"].to_numpy()
+
+    def measure(values):
+        a, total, rest, c = values
+        model = follow_eq_9(SLIPS, a, 0.5 * (total + rest), c, 0.5 * (total - rest)) + follow_eq_8(1e6)
+        return float(np.sum(((model - force / load) / SD) ** 2))
+
+    assert list(noisy.parameters) == ["a_0", "sum_0", "difference_0", "c_0"]
+    for k, (name, bend) in enumerate(noisy.bends.items()):
+        step = math.sqrt(RISE) * covariance[:, k] / math.sqrt(covariance[k, k])
+        rises = [(measure(found.x + side * step) - measure(found.x)) / RISE for side in (-1.0, 1.0)]
+        assert bend == pytest.approx(max(rises), rel=0.1), name
+    assert set(noisy.bends) == set(noisy.parameters) and noisy.bends["c_0"] > 2.0
+    mended = noisy.profiled(["c_0"])
+    assert (mended.parameters["c_0"].q025, mended.parameters["c_0"].q975) == noisy.profile("c_0")
+    assert mended.parameters["a_0"] == noisy.parameters["a_0"] and mended.profiles == ("c_0",)
+    assert noisy.tell_intervals() and mended.tell_intervals() != noisy.tell_intervals()
+
+
 def test_profile_of_a_line_is_its_gaussian_interval():
     """Eq. 8 at one pressure is linear in K: the profile has the ends of the Gaussian, to the curvature of the log."""
     campaign = make_campaign({10.0: 0.0 * SLIPS}, sd=1e-3)
     fit = dd.fit(campaign, "eq8", fixed={"loss_factor": 0.15}, noise="stated")
     np.testing.assert_allclose(fit.profile("adhesion_constant"), fit.interval("adhesion_constant"), rtol=1e-4)
+    assert fit.bends["adhesion_constant"] == pytest.approx(1.0, abs=0.02) and not fit.tell_intervals()
 
 
 @pytest.mark.slow

@@ -46,12 +46,16 @@ def fit_parameters(
                                          "repeated.")] = None,
     population: Annotated[bool, typer.Option(
         "--population", help="The campaigns are of as many specimens (balls): estimate how far they differ.")] = False,
+    profile: Annotated[bool, typer.Option("--profile", help=(
+        "Find 95 % intervals by refitting where the records see a parameter as a curve."))] = False,
     overwrite: Overwrite = False,
 ):
     """Fit parameters, with their uncertainty and a statement of which of them the data cannot distinguish. If no model
     is named, it is the paper's. Several campaigns of one ball share its parameters, and the answer says whether they
-    agree; with --population each is of another ball.
+    agree; with --population each is of another ball. A folder that -o names gets a page with figures, too.
     """
+    if profile and len(sources) > 1:
+        raise InputError("--profile is of one campaign")
     if len(sources) > 1:
         return _fit_several(sources, output, effects_from, model, effect, own or [], population, overwrite,
                             bool(free or fix or prior))
@@ -63,11 +67,20 @@ def fit_parameters(
     from ..inference.estimation import fit
     from ..inference.findings import FILE
 
+    page = None
     with read.open("fit", overwrite, (FILE, MODEL_FILE)) as out, show_progress(f"fitting {read.name}") as report:
         result = fit(read.measured, **read.chosen, progress=report)
+        if profile:
+            report("refitting for the ends of intervals", 0.97)
+            result = result.profiled()
         result.save(out.draft)
+        if output is not None:
+            from ..reports.fit import report_fit
+
+            report("drawing the page", 0.99)
+            page = report_fit(result, out.draft).name
     typer.echo(str(result))
-    typer.echo(f"Written to {read.folder}")
+    typer.echo(f"Written to {read.folder}" if page is None else f"Report: {read.folder / page}")
 
 
 def _fit_several(sources: list[str], output: Path | None, effects_from: Path | None, model: str | None,

@@ -239,6 +239,16 @@ class Solution:
                            rows if more is None else np.concatenate([rows, more], axis=2),
                            np.concatenate([self.residual, self.z], axis=1) if right is None else right)
 
+    def adjust_own(self, record: int, rows, step: np.ndarray) -> np.ndarray:
+        """Change of a record's nuisances that suits its `rows` best, under their priors, after a step of the free
+        parameters, in units of their scales."""
+        own = self.own[record]
+        moved = self.residual[record] + self.shared[record] @ step
+        columns = np.concatenate([own[rows], np.eye(own.shape[1])])
+        right = np.concatenate([moved[rows], self.z[record]])
+        scale = np.linalg.norm(columns, axis=0)
+        return np.linalg.lstsq(columns / scale, -right, rcond=1e-12)[0] / scale
+
     def fit_more(self, more: np.ndarray) -> Added:
         """Fit further columns of the residual with coefficients of every record's own, along with everything else.
 

@@ -33,7 +33,8 @@ def report_fit(fit: Fit, folder) -> Path:
     correlations = [(a, b, float(fit.correlations[i, j])) for (i, a), (j, b) in pairs]
     drawn = _Drawn(fit.parameters, correlations)
     sections = [
-        show_parameters({"this fit": drawn}, [clean(text, 400) for text in (*fit.cannot_tell_apart, *fit.notes)]),
+        show_parameters({"this fit": drawn}, [
+            clean(text, 400) for text in (*fit.cannot_tell_apart, *fit.notes, *fit.tell_intervals())]),
         show_fits(traces)]
     if not fit.problem.records.are_values:
         sections.append(show_failures(traces, {c: dc.asdict(one.without_sizes()) for c, one in fit.noise.items()}))

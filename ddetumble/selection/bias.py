@@ -9,7 +9,7 @@ from ..contact.effect import AbstractEffect
 from ..inference.goodness import combine_p_values, weigh_shifts
 from ..inference.problem import Solution
 from ..inference.variance_components import list_settings
-from .cross_validation import adjust_own, compare_losses, leave_out
+from .cross_validation import compare_losses, leave_out
 from .problem import Fitted, SelectionProblem
 
 
@@ -103,7 +103,7 @@ def _step(solution: Solution) -> tuple[Solution, float]:
     step = np.linalg.lstsq(flat / scale, -right, rcond=1e-12)[0] / scale
     spread = float(np.sqrt(np.linalg.pinv((flat / scale).T @ (flat / scale), rcond=1e-12)[-1, -1]) / scale[-1])
     # With the parameters moved, every record's nuisances follow under their priors.
-    change = np.stack([adjust_own(solution, r, slice(None), step) for r in range(len(solution.own))])
+    change = np.stack([solution.adjust_own(r, slice(None), step) for r in range(len(solution.own))])
     moved = solution.residual + solution.shared @ step + np.einsum("grk,gk->gr", solution.own, change)
     return dc.replace(solution, residual=moved, z=solution.z + change, u=np.append(solution.u, step[-1]),
                       prior_residual=solution.prior_residual + solution.prior_weight * step), spread

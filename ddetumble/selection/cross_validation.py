@@ -44,7 +44,7 @@ def forecast(records: Records, solution: Solution, groups: np.ndarray, share: fl
     for out, step, _ in _step_aside(solution, groups, *solution.projected()):
         for r in map(int, np.flatnonzero(out)):
             own, used = solution.own[r], np.any(solution.own[r] != 0, axis=1)
-            moved = solution.residual[r] + solution.shared[r] @ step + own @ adjust_own(solution, r, early[r], step)
+            moved = solution.residual[r] + solution.shared[r] @ step + own @ solution.adjust_own(r, early[r], step)
             rest = moved[~early[r] & used]
             loss[r] = float(np.sum(rest**2)) * max(float(used.sum()), 1.0) / max(rest.size, 1)
     return loss
@@ -83,7 +83,7 @@ def predict_left_out(problem: Problem, solution: Solution, groups: np.ndarray, s
         u[np.ix_(out, columns)] += step * solution.scales
         for r in map(int, np.flatnonzero(out)):
             rows = slice(None) if adjust and not free_running else early[r]
-            change = adjust_own(solution, r, rows, step)
+            change = solution.adjust_own(r, rows, step)
             z[r] += change
             own, shared = solution.own[r], solution.shared[r]
             used = ~early[r] & ((solution.residual[r] != 0) | np.any(own != 0, axis=1))
@@ -100,16 +100,6 @@ def predict_left_out(problem: Problem, solution: Solution, groups: np.ndarray, s
         return LeftOut(np.full((count, len(records.channels), samples), np.nan), seen, coverage)
     failed = np.isin(records.keys, at.failed)[:, None, None]
     return LeftOut(np.where(failed, np.nan, at.channels), seen, coverage)
-
-
-def adjust_own(solution: Solution, record: int, rows, step: np.ndarray) -> np.ndarray:
-    """Change of a record's nuisances that suits its `rows` best, under their priors, after a step of the parameters."""
-    own = solution.own[record]
-    moved = solution.residual[record] + solution.shared[record] @ step
-    columns = np.concatenate([own[rows], np.eye(own.shape[1])])
-    right = np.concatenate([moved[rows], solution.z[record]])
-    scale = np.linalg.norm(columns, axis=0)
-    return np.linalg.lstsq(columns / scale, -right, rcond=1e-12)[0] / scale
 
 
 def _step_aside(solution: Solution, groups: np.ndarray, columns: np.ndarray, residual: np.ndarray
