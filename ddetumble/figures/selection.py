@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from matplotlib.ticker import LogLocator
 
 from ..inference.findings import Fitted
@@ -147,7 +148,11 @@ def draw_parameters(steps: Mapping[str, Any], count: int = 8, narrow: bool = Fal
         count: how many correlations at most.
     """
     final = list(steps.values())[-1]
-    correlations = sorted(final.correlations, key=lambda item: -abs(item[2]))[:count]
+    pairs = final.correlations
+    if isinstance(pairs, np.ndarray):  # of a fit: the matrix
+        names = list(final.parameters)
+        pairs = [(a, b, float(pairs[i, i + 1 + j])) for i, a in enumerate(names) for j, b in enumerate(names[i + 1:])]
+    correlations = sorted(pairs, key=lambda item: -abs(item[2]))[:count]
     heights = (0.75 + (0.85 if narrow else 0.62) * len(final.parameters),
                0.9 + 0.36 * max(len(correlations), FEWEST))
     figure = new_figure(sum(heights[: 1 + bool(correlations)]) if narrow else max(heights), NARROW if narrow else WIDTH)

@@ -38,9 +38,9 @@ def _read_settings() -> dict:
     """Matplotlib settings of the house; text is never parsed as mathematics, as some of it comes from data files."""
     here = {font.name for font in font_manager.fontManager.ttflist}
     return {
-        # DejaVu Sans comes with matplotlib and fills in missing glyphs.
-        "font.family": "sans-serif", "font.sans-serif": [name for name in _FONTS if name in here] or ["DejaVu Sans"],
-        "font.size": 9.5, "text.color": INK,
+        # DejaVu Sans comes with matplotlib and fills in missing glyphs; only families that are named are asked for these.
+        "font.family": [name for name in _FONTS if name in here] or ["DejaVu Sans"], "font.size": 9.5,
+        "text.color": INK,
         "text.parse_math": False, "axes.unicode_minus": True, "axes.formatter.use_mathtext": False,
         "axes.formatter.useoffset": False,
         "axes.edgecolor": GREY, "axes.labelcolor": INK, "axes.labelsize": 9.5, "axes.linewidth": 0.7,

@@ -1,24 +1,14 @@
 """The page of a fit: parameters, model against measurement, where the residuals sit, how far settings were moved."""
 
 import dataclasses as dc
-import itertools
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
-from ..inference.findings import Fit, Fitted
+from ..inference.findings import Fit
 from ..measurement.quantities import clean, format_number
 from ..selection.lack_of_fit import measure_shifts
 from ..selection.series import make_traces
 from .findings import show_failures, show_fits, show_parameters, show_shifts
 from .page import write_page
-
-
-class _Drawn(NamedTuple):
-    """What the section of parameters reads of a model."""
-
-    parameters: Mapping[str, Fitted]
-    correlations: Sequence[tuple[str, str, float]]
 
 
 def report_fit(fit: Fit, folder) -> Path:
@@ -29,11 +19,8 @@ def report_fit(fit: Fit, folder) -> Path:
     """
     traces = {clean(fit.model_text, 60): make_traces(fit.source, fit.problem.records, fit.solution, fit.noise)}
     shifts = measure_shifts(fit.problem.records, fit.solution)
-    pairs = itertools.combinations(enumerate(fit.parameters), 2)
-    correlations = [(a, b, float(fit.correlations[i, j])) for (i, a), (j, b) in pairs]
-    drawn = _Drawn(fit.parameters, correlations)
     sections = [
-        show_parameters({"this fit": drawn}, [
+        show_parameters({"this fit": fit}, [
             clean(text, 400) for text in (*fit.cannot_tell_apart, *fit.notes, *fit.tell_intervals())]),
         show_fits(traces)]
     if not fit.problem.records.are_values:
