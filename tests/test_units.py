@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from ddetumble._errors import InputError
+from ddetumble.measurement import units
 from ddetumble.measurement.campaign import Uncertainty
 from ddetumble.measurement.units import check_unit, parse_quantity, parse_uncertainty, parse_unit, si_unit
 
@@ -36,6 +37,13 @@ def test_no_units(text):
         return
     with pytest.raises(InputError, match="unit"):
         parse_unit(text)
+
+
+def test_common_units_are_as_pint_reads_them(monkeypatch):
+    known = {text: parse_unit(text) for text in units._COMMON}
+    monkeypatch.setattr(units, "_COMMON", {})
+    for text, unit in known.items():
+        assert unit == parse_unit.__wrapped__(text)
 
 
 def test_hints_and_gauges():

@@ -25,6 +25,19 @@ ALIASES = {
 }  # fmt: skip
 _GAUGE = {"barg", "psig", "bar(g)", "psi(g)", "mbarg", "kpag", "mpag", "barü", "bar_g"}
 _PLAIN = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻·⋅×µ", "0123456789-***μ")
+# Units that most campaigns and scenarios are written in, by their spelling: scale and SI unit. Without these, every
+# command would spend half a second on starting pint.
+_DIMENSIONS = {
+    "1": {}, "rad": {}, "m": {"[length]": 1}, "s": {"[time]": 1}, "kg": {"[mass]": 1}, "K": {"[temperature]": 1},
+    "m/s": {"[length]": 1, "[time]": -1}, "rad/s": {"[time]": -1},
+    "kg*m/s**2": {"[mass]": 1, "[length]": 1, "[time]": -2}, "kg/m/s**2": {"[mass]": 1, "[length]": -1, "[time]": -2},
+}
+_COMMON = {
+    "1": (1.0, "1"), "m": (1.0, "m"), "mm": (0.001, "m"), "s": (1.0, "s"), "ms": (0.001, "s"), "kg": (1.0, "kg"),
+    "K": (1.0, "K"), "m/s": (1.0, "m/s"), "mm/s": (0.001, "m/s"), "rad": (1.0, "rad"), "rad/s": (1.0, "rad/s"),
+    "deg": (math.pi / 180, "rad"), "deg/s": (math.pi / 180, "rad/s"), "N": (1.0, "kg*m/s**2"), "kN": (1e3, "kg*m/s**2"),
+    "Pa": (1.0, "kg/m/s**2"), "kPa": (1e3, "kg/m/s**2"), "MPa": (1e6, "kg/m/s**2"), "bar": (1e5, "kg/m/s**2"),
+}  # fmt: skip
 _HINTS = {"mpa": "MPa", "kpa": "kPa", "pa": "Pa", "kn": "kN", "n": "N", "mn": "mN (or MN)", "hz": "Hz"}
 
 # Kinds of quantities and their SI units.
@@ -106,6 +119,9 @@ def parse_unit(text: str) -> Unit:
     spelling = _spell(text)
     if spelling is None:
         raise InputError(f"unit {text!r} cannot be read; write it like N, MPa, m/s, N*s/m or kg*m^2")
+    if spelling in _COMMON:
+        scale, si = _COMMON[spelling]
+        return Unit(text or "1", scale, 0.0, _DIMENSIONS[si], si)
     registry = _registry()
     try:
         unit = registry.parse_units(spelling)
