@@ -3,6 +3,7 @@
 Nothing heavy is imported here; each command imports what it needs when it runs.
 """
 
+import gc
 import importlib
 import os
 import sys
@@ -58,6 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if "JAX_PLATFORM_NAME" not in os.environ:  # a command's work is too small for a GPU to be worth its start
         os.environ.setdefault("JAX_PLATFORMS", "cpu")
     if arguments is None:
+        gc.set_threshold(50_000)  # what imports and compiled programs leave stays: to look through it often is in vain
         watch_interrupts(tell_stopped)
     words = list(sys.argv[1:] if arguments is None else arguments)
     token = words_now.set(tuple(words))
