@@ -402,10 +402,8 @@ class Problem(AbstractProblem):
         try:
             with reserve_memory(need, what):
                 theta, z_new, at, converged, steps = jax.block_until_ready(call_kept(
-                    _solve, static, name, FOUND, stack, jnp.asarray(base),
-                    jnp.asarray(directions), *(jnp.asarray(b) for b in self.limits), jnp.asarray(mean),
-                    jnp.asarray(weight), jnp.asarray(z0), jnp.asarray(float(moving)), jnp.asarray(tolerance),
-                    jnp.asarray(max_steps)))
+                    _solve, static, name, FOUND, stack, base, directions, *self.limits, mean, weight, z0,
+                    np.asarray(float(moving)), np.asarray(tolerance), np.asarray(max_steps)))
         except (RuntimeError, ValueError) as error:
             if "RESOURCE_EXHAUSTED" in str(error) or "Out of memory" in str(error):
                 raise MemoryError(f"{what} needs more than the machine has") from error
