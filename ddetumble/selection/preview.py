@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from .._numerics import map_threads
 from ..contact.effect import is_scored, parameters_of
 from ..inference.assembly import default_starts
 from ..inference.findings import Fit
@@ -76,8 +77,9 @@ def preview_effects(fit: Fit, candidates: Sequence[Candidate]) -> Preview | None
     if records.are_values or solution.failed:
         return None
     moves = [move for name in solution.names if (move := _move_parameter(problem, solution, name)) is not None]
-    moves += [move for one in candidates if one.effect not in fit.effects
-              for move in _move_effect(problem, solution, one)][:MOST]
+    added = [one for one in candidates if one.effect not in fit.effects]
+    moves += [move for found in map_threads(lambda one: _move_effect(problem, solution, one), added)
+              for move in found][:MOST]
     if not moves:
         return None
     levers, changes, columns = zip(*moves, strict=True)
