@@ -4,8 +4,8 @@ import dataclasses as dc
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy import stats
 
+from . import distributions as stats
 from .problem import AbstractProblem, Problem, Solution
 
 

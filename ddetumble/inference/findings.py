@@ -11,12 +11,13 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy import optimize, stats
+from scipy import optimize
 
 from .._display import AbstractPrinted
 from .._errors import InputError
 from ..measurement.campaign import Campaign
 from ..measurement.quantities import format_number
+from . import distributions as stats
 from .archive import AbstractFitted, FittedModel, make_fitted, save_model
 from .bounded import NEAR, Bounded, solve_bounded, truncate_normal
 from .files import check_folder, list_versions, make_plain, write_json

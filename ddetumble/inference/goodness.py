@@ -4,7 +4,8 @@ import dataclasses as dc
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy import stats
+
+from . import distributions as stats
 
 
 LEVEL = 0.01  # chance of saying so of a model that is complete

@@ -5,10 +5,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import optimize
 
 from ..families import find_family
 from ..measurement.campaign import Campaign, group_conditions
+from . import distributions as stats
 from .noise import Noise, whitening_matrix
 from .problem import Added, Solution
 from .stack import Records, list_paces

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple, final
 
 import jax.numpy as jnp
 import numpy as np
-from scipy import stats
 
 from .._display import AbstractPrinted, Progress, align_table
 from .._errors import ComputationError, InputError
@@ -17,6 +16,7 @@ from ..contact.effect import parts_of
 from ..contact.law import PowerLaw
 from ..measurement.campaign import Campaign
 from ..measurement.quantities import format_number, format_value, join_words, say_p
+from . import distributions as stats
 from .archive import Model
 from .bounded import Bounded, solve_bounded
 from .estimation import fit

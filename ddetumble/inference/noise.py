@@ -6,7 +6,9 @@ from typing import Annotated, Any
 
 import numpy as np
 import pydantic
-from scipy import sparse, stats
+from scipy import sparse
+
+from . import distributions as stats
 
 
 TAPS = 8

@@ -11,11 +11,12 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from scipy import sparse, special, stats
+from scipy import sparse, special
 from scipy.interpolate import BSpline
 
 from ..families import Span, find_family
 from ..measurement.campaign import Campaign
+from . import distributions as stats
 from .hum import HumSettings, find_hum
 from .noise import Noise
 from .noise_size import Run, Sizes, SizeSettings, look_random, measure_sizes

@@ -14,7 +14,9 @@ import dataclasses as dc
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import optimize
+
+from . import distributions as stats
 
 
 LAGS = 3  # over which neighbouring differences are correlated: what a second difference spans

@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import optimize, stats
+from scipy import optimize
 
+from . import distributions as stats
 from .variance_components import EXCLUDED, lose_restricted
 
 

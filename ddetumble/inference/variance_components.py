@@ -5,9 +5,10 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
-from scipy import linalg, optimize, stats
+from scipy import linalg, optimize
 from scipy.sparse.linalg import spsolve_triangular
 
+from . import distributions as stats
 from .goodness import combine_p_values
 from .noise import Noise, whitening_matrix
 from .problem import Solution

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from importlib import resources
 from typing import Any
 
-from scipy import stats
+from ..inference import distributions as stats
 
 
 RECORD = "track_record.json"  # counts by family, verdict and allowance; made by `python -m docs.track_record`

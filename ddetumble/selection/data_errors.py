@@ -9,12 +9,12 @@ import dataclasses as dc
 from collections.abc import Iterator, Mapping
 
 import numpy as np
-from scipy import stats
 
 from .._errors import ComputationError
 from ..dynamics.spinning import RATES
 from ..families import find_family, name_family
 from ..families.starts import fill_gaps, integrate_couple
+from ..inference import distributions as stats
 from ..inference.problem import Solution
 from ..inference.stack import DRIFT
 from ..measurement.campaign import Campaign

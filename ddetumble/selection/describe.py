@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy import stats
 
 from .._numerics import map_threads
+from ..inference import distributions as stats
 from ..inference.bounded import Bounded
 from ..inference.findings import Fit, estimate_parameters, summarise_fit
 from ..inference.identifiability import analyse_fit, analyse_with_refits, limit_knowledge, list_unproven

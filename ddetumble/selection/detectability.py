@@ -14,9 +14,9 @@ import dataclasses as dc
 import math
 
 import numpy as np
-from scipy import stats
 
 from ..contact.effect import Parameter
+from ..inference import distributions as stats
 from ..inference.problem import Problem, Solution
 from .settings import DEFAULT, SelectionSettings
 

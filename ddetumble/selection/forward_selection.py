@@ -8,10 +8,10 @@ import dataclasses as dc
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import stats
 
 from .._display import Progress
 from .._numerics import map_threads
+from ..inference import distributions as stats
 from ..inference.assembly import default_starts
 from ..inference.noise_estimation import changed, has_more_hum, measure_noise
 from ..inference.problem import Solution

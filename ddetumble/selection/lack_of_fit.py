@@ -14,10 +14,11 @@ from collections.abc import Mapping, Sequence
 
 import jax.numpy as jnp
 import numpy as np
-from scipy import sparse, stats
+from scipy import sparse
 from scipy.interpolate import BSpline
 
 from ..families import find_family
+from ..inference import distributions as stats
 from ..inference.goodness import combine_p_values, weigh_shifts
 from ..inference.noise import Noise, whitening_matrix, widen_by_student
 from ..inference.noise_estimation import list_spans, spline_columns

@@ -4,9 +4,9 @@ import dataclasses as dc
 from collections.abc import Collection
 
 import numpy as np
-from scipy import stats
 from scipy.linalg import block_diag
 
+from ..inference import distributions as stats
 from ..inference.noise import whitening_matrix
 from ..inference.problem import Problem, Solution
 from ..inference.progressive_horizon import is_lost, solve_progressively

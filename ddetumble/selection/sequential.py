@@ -4,8 +4,9 @@ import dataclasses as dc
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy import sparse, special, stats
+from scipy import sparse, special
 
+from ..inference import distributions as stats
 from ..inference.noise import Noise
 from ..inference.problem import Problem, Solution
 from .lack_of_fit import doubt_level, orthonormalise
