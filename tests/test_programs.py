@@ -1,5 +1,9 @@
 """Programs kept between processes: found without tracing, told apart, and traced anew where they cannot be read."""
 
+import os
+import subprocess
+import sys
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -112,3 +116,22 @@ def test_the_chosen_device_decides(folder, monkeypatch):
     with jax.default_device(jax.devices("cpu")[0]):
         np.testing.assert_array_equal(call(function)["sum"], 2.0 * (X + 1.0))
     assert len(list_programs(folder)) == 1
+
+
+@pytest.mark.slow
+def test_the_second_command_compiles_nothing(tmp_path):
+    """A fit in a new process finds all of its programs, the small ones too, where the first one left them."""
+    code = ("import sys, jax\n"
+            "missed = []\n"
+            "jax.monitoring.register_event_listener(lambda name, **_: missed.append(name))\n"
+            "from ddetumble.cli import main\n"
+            "assert main(['fit', 'impact-i', '-o', sys.argv[1]]) == 0\n"
+            "print('misses', sum(name.endswith('/cache_misses') for name in missed))")
+    environment = {**os.environ, "JAX_COMPILATION_CACHE_DIR": str(tmp_path / "cache")}
+    counts = []
+    for name in ("first", "second"):
+        done = subprocess.run([sys.executable, "-c", code, tmp_path / name], env=environment, capture_output=True,
+                              text=True)
+        assert done.returncode == 0, done.stderr
+        counts.append(int(done.stdout.split("misses ")[1].split()[0]))
+    assert counts[0] > 0 and counts[1] == 0

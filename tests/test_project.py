@@ -237,6 +237,18 @@ def test_imports_are_lazy():
     assert not HEAVY & set(done.stdout.split()), HEAVY & set(done.stdout.split())
 
 
+def test_discover_imports_what_it_needs():
+    """A discovery and its report start without what only other commands, or unusual units, need."""
+    done = run("-c", "import sys, ddetumble.selection.discover, ddetumble.selection.compare\n"
+                     "from ddetumble import read_campaign\n"
+                     "from ddetumble.reports import report_comparison, write_report\n"
+                     "read_campaign('data/impact-a')\n"
+                     "print(*sys.modules)")
+    assert done.returncode == 0, done.stderr
+    unneeded = {"pint", "scipy.stats", "emcee", "ddetumble.posterior.result", "ddetumble.planning.plan"}
+    assert not unneeded & set(done.stdout.split()), unneeded & set(done.stdout.split())
+
+
 @pytest.mark.parametrize("name", PAGES)
 def test_documented_commands_exist(name):
     """Every command in a code block of the documentation is one that exists."""

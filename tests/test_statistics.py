@@ -9,6 +9,7 @@ from scipy import sparse, stats
 from scipy.interpolate import BSpline
 
 from ddetumble._errors import ComputationError
+from ddetumble.inference import distributions
 from ddetumble.inference.goodness import combine_p_values, judge_goodness, weigh_shifts
 from ddetumble.inference.noise import Noise
 from ddetumble.inference.problem import Solution
@@ -739,3 +740,14 @@ def test_goodness_of_fit():
     texts = {str(x) for x in (good, moved, judge_goodness(200.0, 100, {}),
                               judge_goodness(200.0, 100, {"speed": {"a": 6.0}}))}
     assert len(texts) == 4 and str(good) == "" and not str(judge_goodness(149.0, 100, {}))
+
+
+@pytest.mark.parametrize(("law", "method", "shapes"), [
+    ("chi2", "sf", (7,)), ("chi2", "isf", (7,)), ("chi2", "ppf", (2.5,)), ("f", "sf", (3, 40.5)),
+    ("f", "isf", (3, 40.5)), ("gamma", "sf", (3.5,)), ("norm", "cdf", ()), ("norm", "sf", ()), ("norm", "ppf", ()),
+    ("t", "ppf", (6.5,)), ("beta", "sf", (2.0, 3.0)),
+])  # fmt: skip
+def test_distributions_are_those_of_scipy(law, method, shapes):
+    at = np.linspace(1e-9, 1.0, 99)[:-1] if method in ("ppf", "isf") else np.array([-2.0, 0.0, 1e-12, 0.3, 5.0, 700.0])
+    own, theirs = (getattr(getattr(module, law), method)(at, *shapes) for module in (distributions, stats))
+    np.testing.assert_array_equal(own, theirs)
