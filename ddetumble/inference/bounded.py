@@ -130,6 +130,9 @@ def truncate_normal(mean: float, sd: float, low: float, high: float, level: floa
     if not np.isfinite(sd):
         return sd, low, high
     a, b = (low - mean) / sd, (high - mean) / sd
+    if min(-a, b) > 9:  # what is cut off is lost in rounding
+        half = float(stats.norm.ppf(0.5 + 0.5 * level)) * sd
+        return float(sd), float(mean - half), float(mean + half)
     if max(a, -b) > 30:  # all of it is in the tail: an exponential at the nearer end
         rate = max(a, -b) / sd
         width = -np.log1p(-level) / rate
