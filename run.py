@@ -7,6 +7,7 @@
     python3 run.py notebook             the notebooks in JupyterLab (further arguments go to it)
     python3 run.py site                 the documentation as pages, in build/site (further arguments go to Sphinx)
     python3 run.py setup                set up only, with what the tests need
+    python3 run.py release              check that this commit is ready to publish; publishes nothing
     python3 run.py pythons              list the interpreters that would do, best first
 
 The first call makes .venv-3.X beside this file with the newest Python from 3.11 on that it finds on this machine (on
@@ -296,6 +297,9 @@ def main(arguments):
         for interpreter in find_interpreters():
             print("{:8} {}".format(*describe(interpreter)))
         return 0
+    if arguments[0] == "release":  # makes environments of its own
+        path = describe(choose_interpreter(wanted))[1]
+        return subprocess.call([path, "-m", "docs.release"] + arguments[1:], env=environment(), cwd=ROOT)
     testing = arguments[0] == "test"
     folder = set_up(choose_interpreter(wanted), EXTRAS.get(arguments[0]))
     if arguments[0] == "setup":

@@ -41,5 +41,5 @@ Nothing heavy is imported until a name is used; `__init__.pyi` lists them all.
 from ._lazy import attach as _attach
 
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 __getattr__, __dir__, __all__ = _attach(__name__, __file__)
