@@ -179,10 +179,16 @@ def _measure_machine() -> float:
     found = []
     with suppress(AttributeError, ValueError, OSError):
         found.append(float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES"))
+    if sys.platform == "win32":
+        import ctypes
+
+        kilobytes = ctypes.c_ulonglong()
+        if ctypes.windll.kernel32.GetPhysicallyInstalledSystemMemory(ctypes.byref(kilobytes)):
+            found.append(1024.0 * kilobytes.value)
     for place in ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"):
         with suppress(OSError, ValueError):  # `max` where there is no limit
             found.append(float(int(Path(place).read_text())))
-    with suppress(ImportError):
+    with suppress(ImportError, AttributeError):
         import resource
 
         limit = resource.getrlimit(resource.RLIMIT_AS)[0]

@@ -136,7 +136,7 @@ def examine(root: Path, place: Path) -> Iterator[tuple[str, list[str]]]:
     yield "everything is committed", check_tree(root)
     yield "one version everywhere", check_versions(root)
     clone, tracked = place / "clone", read_git(root, "ls-files").splitlines()
-    subprocess.run(["git", "clone", "-q", str(root), str(clone)], check=True)
+    read_git(root, "clone", "-q", "--no-checkout", str(root), str(clone))
     read_git(clone, "checkout", "-q", read_git(root, "rev-parse", "HEAD").strip())
     problems = make_environment(place / "tools", "build", "twine") or call(
         run.locate_python(str(place / "tools")), "-m", "build", "-o", place / "dist", clone, place=place)

@@ -52,7 +52,13 @@ def run_guarded(action: Callable[[], object], words: Sequence[str] = ()) -> int:
                 return _leave_pipe()
             raise
         except Exception as error:
-            return tell_stopped() if was_interrupted() else _explain(error, words)
+            if was_interrupted():
+                return tell_stopped()
+            # What Windows raises in place of a broken pipe.
+            if (sys.platform == "win32" and isinstance(error, OSError) and error.errno == errno.EINVAL
+                    and error.filename is None):
+                return _leave_pipe()
+            return _explain(error, words)
 
 
 def tell(sentence: str, code: int) -> int:

@@ -1,6 +1,7 @@
 """Commands that make campaigns from a laboratory's files, and tables from campaigns and results: `import`, `export`."""
 
 import dataclasses as dc
+import glob
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated
@@ -97,6 +98,9 @@ def import_files(
     """
     # All but where to write are arguments of `import_tests`, most of them by the same name.
     given = dict(locals())
+    # The shells of Windows leave patterns to programs.
+    raw = [one for path in raw
+           for one in (not path.exists() and sorted(map(Path, glob.glob(str(path)))) or [path])]
     for name in ("raw", "output", "overwrite", "unit", "contents", "dry_run", "figure"):
         del given[name]
     if contents:

@@ -9,9 +9,9 @@ import hashlib
 import json
 import os
 import platform
+import secrets
 import shutil
 import sys
-import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from contextvars import ContextVar
@@ -101,11 +101,10 @@ def open_folder(path: Path, command: str, overwrite: bool, *, beside: Sequence[s
         try:
             try:
                 path.parent.mkdir(parents=True, exist_ok=True)
-                draft = Path(tempfile.mkdtemp(prefix=f".{path.name}{DRAFT}", dir=path.parent))
+                # Not by `tempfile`, which makes folders, on Windows for good, that nobody else may read.
+                draft = path.parent / f".{path.name}{DRAFT}{secrets.token_hex(4)}"
+                draft.mkdir()
                 handle = _lock(draft)
-                umask = os.umask(0)
-                os.umask(umask)
-                os.chmod(draft, 0o777 & ~umask)
             except OSError as error:
                 raise InputError(f"the folder cannot be made ({_reason(error)})", file=given) from None
             if overwrite:
@@ -144,7 +143,9 @@ def open_optional(path: Path | None, command: str, overwrite: bool) -> AbstractC
 def _refuse_taken(path: Path, overwrite: bool, beside: Sequence[str], resumes: Sequence[str]) -> None:
     """Refuse a folder that may not be written to."""
     whole = Path(os.path.abspath(path))
-    nearest = next(folder for folder in (whole, *whole.parents) if os.path.lexists(folder))
+    nearest = next((folder for folder in (whole, *whole.parents) if os.path.lexists(folder)), None)
+    if nearest is None:
+        raise InputError(f"the folder cannot be made (there is no drive {whole.anchor})", file=path)
     if not nearest.is_dir():
         raise InputError("this is a file; -o takes a folder" if nearest == whole else
                          f"the folder cannot be made ({nearest.name} is a file)", file=path)
@@ -193,7 +194,7 @@ def _read_record(path: Path, key: str = "files") -> dict[str, Any]:
         found = json.loads((path / RECORD).read_text(encoding="utf-8")).get(key, {})
         if key == MADE:
             return {str(name): dict(how) for name, how in found.items()}
-        return {str(name): [str(one) for one in own if not Path(one).is_absolute() and ".." not in Path(one).parts]
+        return {str(name): [str(one) for one in own if not Path(one).anchor and ".." not in Path(one).parts]
                 for name, own in found.items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return {}
@@ -213,7 +214,8 @@ def list_inputs(words: Sequence[str], output: Path) -> dict[str, str]:
 def hash_place(path: Path) -> str:
     """SHA-256 of a file, or of a folder's visible files with their names."""
     digest = hashlib.sha256()
-    for file in [path] if path.is_file() else sorted(one for one in path.rglob("*") if one.is_file()):
+    # Ordered by their parts as texts: paths themselves have another order on Windows.
+    for file in sorted((one for one in (path, *path.rglob("*")) if one.is_file()), key=lambda one: one.parts):
         parts = file.relative_to(path).parts
         if not any(part.startswith(".") for part in parts):
             digest.update("/".join(parts).encode() + b"\0" + file.read_bytes())

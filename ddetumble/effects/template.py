@@ -64,8 +64,8 @@ def write_template(name: str, stage: str = "elastic", folder: Path | str = ".") 
     if stage not in LAWS:
         raise InputError(f"there is no stage {stage!r}; the stages are {', '.join(LAWS)}")
     module = name.replace("-", "_")
-    if keyword.iskeyword(module):
-        raise InputError(f"{name!r} is a reserved word of Python; choose another name")
+    if keyword.iskeyword(module) or re.fullmatch("con|prn|aux|nul|(com|lpt)[1-9]", module):
+        raise InputError(f"{name!r} is a reserved word of Python or of Windows; choose another name")
     kind = "".join(word.capitalize() for word in name.split("-"))
     paths = Path(folder) / f"{module}.py", Path(folder) / f"test_{module}.py"
     for path in paths:

@@ -17,6 +17,7 @@ PATIENCE = 3  # pools that may break one after another without a single case don
 RETRIES = 2  # of a case that failed on a cluster's worker
 TIMEOUT = 20  # s, for a scheduler to answer
 FLAG = "--xla_cpu_multi_thread_eigen=false"
+MOST = 61  # workers: Windows waits for no more processes at once
 MANY = 4  # cores beyond which workers would crowd each other with threads
 
 
@@ -48,7 +49,7 @@ def _run_in_pool(work: Callable[[int], Any], jobs: Sequence[int], workers: int) 
     """On processes of this machine; where one is killed, what was in hand is done again by a new pool."""
     waiting, broken = list(jobs), 0
     while waiting:
-        pool = ProcessPoolExecutor(min(workers, len(waiting)), multiprocessing.get_context("spawn"), _settle)
+        pool = ProcessPoolExecutor(min(workers, len(waiting), MOST), multiprocessing.get_context("spawn"), _settle)
         try:
             futures = {pool.submit(work, job): job for job in waiting}
             for future in as_completed(futures):
@@ -93,7 +94,7 @@ def _run_on_cluster(work: Callable[[int], Any], jobs: Sequence[int], scheduler: 
         from distributed import Client
         from distributed import as_completed as as_done
     except ImportError:
-        raise InputError("a cluster needs dask.distributed: pip install 'ddetumble[cluster]'", option="--scheduler"
+        raise InputError("a cluster needs dask.distributed: pip install \"ddetumble[cluster]\"", option="--scheduler"
                          ) from None
     try:
         client = Client(scheduler, timeout=TIMEOUT, set_as_default=False)

@@ -38,7 +38,7 @@ def _read_settings() -> dict:
     """Matplotlib settings of the house; text is never parsed as mathematics, as some of it comes from data files."""
     here = {font.name for font in font_manager.fontManager.ttflist}
     return {
-        # DejaVu Sans comes with matplotlib and fills in missing glyphs; only families that are named are asked for these.
+        # DejaVu Sans comes with matplotlib and fills in missing glyphs; only families by name are asked for these.
         "font.family": [name for name in _FONTS if name in here] or ["DejaVu Sans"], "font.size": 9.5,
         "text.color": INK,
         "text.parse_math": False, "axes.unicode_minus": True, "axes.formatter.use_mathtext": False,

@@ -1,6 +1,7 @@
 """Conditions of a laboratory's tests from a table or from file names."""
 
 import re
+import unicodedata
 from pathlib import Path
 
 from .._errors import InputError, error_place
@@ -96,10 +97,10 @@ def read_names(plan: Plan, pattern: str, records: dict[str, str]) -> None:
 
 def _match(table: Table, links: dict[str, str], records: dict[str, str]) -> dict[str, int]:
     """Row of the table for each record."""
-    rows, cells = {}, {link: read_texts(table, column) for link, column in links.items()}
+    rows, cells = {}, {link: [_unify(cell) for cell in read_texts(table, column)] for link, column in links.items()}
     for key, file in records.items():
         names = {"file": (file, Path(file).name, Path(file).stem), "record": (key,)}
-        found = [i for i in range(len(table)) if all(cells[link][i] in names[link] for link in links)]
+        found = [i for i in range(len(table)) if all(cells[link][i] in map(_unify, names[link]) for link in links)]
         if len(found) > 1:
             problem = f"record {key!r} already has a row on line {table.lines[found[0]]}; keep one"
             raise InputError(problem, file=table.file, row=table.lines[found[1]])
@@ -108,6 +109,11 @@ def _match(table: Table, links: dict[str, str], records: dict[str, str]) -> dict
             raise InputError(f"{what} has no row; add one (columns {', '.join(links.values())})", file=table.file)
         rows[key] = found[0]
     return rows
+
+
+def _unify(name: str) -> str:
+    """A name as all systems write it: macOS may take letters and their accents apart, Windows turns slashes round."""
+    return unicodedata.normalize("NFC", name).replace("\\", "/")
 
 
 def _unit_after(text: str, name: str) -> str | None:

@@ -198,7 +198,7 @@ def read_import_file(path, names: Collection[str]) -> dict[str, Any]:
         raise InputError('the file names no raw files; add them, such as raw = ["run*.tdms"]', file=path, key=RAW)
     files: list[Path] = []
     for pattern in [patterns] if isinstance(patterns, str) else patterns:
-        found = [Path(pattern)] if Path(pattern).is_absolute() else sorted(path.parent.glob(pattern))
+        found = [Path(pattern)] if Path(pattern).is_absolute() else sorted(filter(_is_raw, path.parent.glob(pattern)))
         if not found:
             raise InputError(f"there is no file {pattern!r} beside this one", file=path, key=RAW)
         files += found
@@ -235,6 +235,11 @@ def _condense(notes: list[str], files: list[str]) -> list[str]:
             for rest, names in told.items()]
 
 
+def _is_raw(path: Path) -> bool:
+    """Not so what macOS (`._run1.csv`) and Excel (`~$run1.xlsx`) put beside files."""
+    return not path.name.startswith((".", "~$"))
+
+
 def _list_files(paths, table: Path | None) -> list[str]:
     """Files as given, and those in folders, but for the table of conditions."""
     files, table = [], None if table is None else table.resolve()
@@ -242,7 +247,8 @@ def _list_files(paths, table: Path | None) -> list[str]:
         found = [path]
         if path.is_dir():
             found = [path] if is_bag(path) else sorted(
-                p for p in path.iterdir() if p.suffix.lower() in ENDINGS and p.is_file() or is_bag(p))
+                p for p in filter(_is_raw, path.iterdir())
+                if p.suffix.lower() in ENDINGS and p.is_file() or is_bag(p))
         found = [p for p in found if p.resolve() != table]
         if path.is_dir() and not found:
             raise InputError(f"the folder holds no raw files ({', '.join(ENDINGS)})", file=path)

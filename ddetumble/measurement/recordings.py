@@ -185,7 +185,7 @@ def _read_groups(path: Path) -> dict:
         raise
     except ImportError as error:
         raise InputError(f"{ending} files are read by {library}, which is not installed ({error}); install it with "
-                         "pip install 'ddetumble[formats]'", file=path) from None
+                         'pip install "ddetumble[formats]"', file=path) from None
     except Exception as error:  # damaged files make libraries raise all sorts
         reason = f"{type(error).__name__}: {error}".rstrip(": ").rstrip(".")
         raise InputError(f"the file is damaged or is no {ending} file ({reason}); export or copy it again",

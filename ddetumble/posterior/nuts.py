@@ -107,7 +107,7 @@ class Nuts(AbstractSampler):
         try:
             from numpyro.infer import NUTS
         except ImportError:
-            raise InputError("NUTS needs numpyro; install it with: pip install 'ddetumble[nuts]'") from None
+            raise InputError('NUTS needs numpyro; install it with: pip install "ddetumble[nuts]"') from None
         plain = isinstance(target, CampaignTarget)  # and whitened by its fit; others learn their mass matrix
         place, potential, nuisances = _pose(target)
         if nuisances:

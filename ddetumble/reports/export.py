@@ -80,7 +80,7 @@ def write_workbook(tables: Tables) -> bytes:
         from openpyxl.cell.cell import ILLEGAL_CHARACTERS_RE
     except ImportError:
         raise InputError(".xlsx files are written by openpyxl, which is not installed; install it with "
-                         "pip install 'ddetumble[formats]'") from None
+                         'pip install "ddetumble[formats]"') from None
     book = openpyxl.Workbook(write_only=True)
     for name, table in tables.items():
         if len(table) > MOST_ROWS:
