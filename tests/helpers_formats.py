@@ -237,3 +237,6 @@ FORMATS = {
     "run.parquet": (write_parquet, channels), "run.tdms": (write_tdms, clocked), "run.mf4": (write_mdf, clocked),
     "run.uff": (write_universal, clocked), "run.mcap": (write_mcap, clocked), "bag": (write_bag, clocked),
 }
+# What the importer has to be told: the settings of all tests and, of formats without units, the force and its unit.
+CONDITIONS = {"pressure": "1.0 MPa", "speed": "0.4 m/s"}
+UNITLESS = {"run.mcap": {"units": "force=N"}, "bag": {"units": "force=N", "force": "wrench.force.z"}}

@@ -1,15 +1,19 @@
 """Import of the files that laboratories have: every format to the same campaign, and every fault in one sentence."""
 
 import sys
+import zipfile
+from pathlib import Path
 
 import h5py
 import numpy as np
 import pandas as pd
 import pytest
 from helpers_formats import (
+    CONDITIONS,
     FORMATS,
     STEP,
     TIME,
+    UNITLESS,
     as_rows,
     channels,
     clocked,
@@ -30,10 +34,10 @@ from helpers_formats import (
 
 import ddetumble as dd
 from ddetumble.cli import main
+from ddetumble.measurement import recordings
+from docs.fuzz_readers import prepare, try_one
 
 
-CONDITIONS = {"pressure": "1.0 MPa", "speed": "0.4 m/s"}
-UNITLESS = {"run.mcap": {"units": "force=N"}, "bag": {"units": "force=N", "force": "wrench.force.z"}}
 FILES = [name for name in FORMATS if "." in name]
 GAS = ("bar", 4 * STEP, np.round(10 + np.linspace(0, 1, 128), 4))  # a slower channel with a clock of its own
 
@@ -313,11 +317,11 @@ def test_arrays_that_are_no_channels(tmp_path):
 
 
 def test_a_single_sample_that_is_far_too_large(tmp_path):
-    """As a damaged file holds it: no rise can be made of it."""
+    """As a damaged file holds it: nothing can be computed with its square."""
     for i in (100, 230, 400):
         force = trace()
         force[i] = 1e200
-        refuse(write_tdms(tmp_path / f"{i}.tdms", clocked(Fz=("N", STEP, force))), "--onset")
+        refuse(write_tdms(tmp_path / f"{i}.tdms", clocked(Fz=("N", STEP, force))), "column Fz", f"line {i + 1}")
 
 
 def test_functions_that_are_not_of_time(tmp_path):
@@ -390,6 +394,44 @@ def test_tests_in_one_long_table_are_told_apart_by_their_numbers(tmp_path):
     book = write_sheets(tmp_path / "a.xlsx", {"Data": [
         [int(cell) if i and not j else cell for j, cell in enumerate(row)] for i, row in enumerate(as_rows(held))]})
     assert dd.import_tests(book, **CONDITIONS).record_keys == ("1", "2")
+
+
+@pytest.mark.parametrize("name", [
+    pytest.param(name, marks=pytest.mark.slow if name in ("run.mf4", "run.nxs") or Path(name).suffix in (".h5", ".mat")
+                 else ()) for name in FORMATS])
+def test_damaged_files(tmp_path, name, monkeypatch):
+    """A campaign or a sentence comes of each; many more are in fits/reader-fuzz."""
+    monkeypatch.setattr(recordings, "PATIENCE", 5.0)
+    valid, truth = prepare(name, tmp_path)
+    for seed in range(24):
+        attempt = try_one(name, seed, tmp_path, valid, truth)
+        assert attempt.outcome != "finding", (seed, attempt)
+
+
+def test_a_library_that_breaks_down(tmp_path, monkeypatch):
+    """What would end the process, or hold it up, ends another one; where none can be started, files are just read."""
+    path = make(tmp_path, "run.h5")
+    monkeypatch.setattr(recordings, "PATIENCE", 3.0)
+    for code in ("os.kill(os.getpid(), 9)", "time.sleep(60)"):
+        monkeypatch.setattr(recordings, "_READ_APART", f"import os, time; print(flush=True); {code}")
+        refuse(path)
+    for code in ("raise SystemExit(1)", ""):
+        monkeypatch.setattr(recordings, "_READ_APART", code)
+        assert len(dd.import_tests(path, **CONDITIONS).samples) == 512
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "none"))
+    assert len(dd.import_tests(path, **CONDITIONS).samples) == 512
+
+
+def test_a_part_of_a_spreadsheet_that_breaks_off(tmp_path, capsys):
+    """Nothing is made of the rows before, and nothing is printed."""
+    path = make(tmp_path, "run.ods")
+    with zipfile.ZipFile(path) as archive:
+        parts = {name: archive.read(name) for name in archive.namelist()}
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in parts.items():
+            archive.writestr(name, content[: len(content) // 2] if name == "content.xml" else content)
+    refuse(path)
+    assert capsys.readouterr() == ("", "")
 
 
 SPECIFICATION = """

@@ -15,6 +15,7 @@ from .units import parse_quantity, role_of, si_unit
 
 
 PEAKS = ("peak_normal_force", "rebound_speed", "contact_time", "impulse", "peak_depression", "peak_friction_force")
+LARGEST = 1e100  # in any unit: squares of larger numbers overflow
 FEWEST_SAMPLES = 5  # of a record: below it no curve can be told from noise
 GAUGE = ('; if these are gauge pressures, mark the field "reference": "gauge" and state ambient_pressure in known '
          "(for an import, give --gauge and --ambient)")
@@ -63,6 +64,12 @@ def check_keys(keys: Sequence[str], rows, column: str = "record") -> None:
                 "the record key contains control characters; rename the test")
 
 
+def refuse_large(values: np.ndarray, rows, column: str) -> None:
+    """Refuse numbers with which nothing can be computed, as a damaged file may hold them; NaN passes."""
+    refuse_rows(np.abs(values) > LARGEST, rows, column,
+                "the number is too large in SI units; check the number and its unit")
+
+
 def check_values(name: str, values: np.ndarray, rows, resource: str, uncertainty, column: str = "",
                  gauge: str = GAUGE) -> None:
     """Refuse values that the quantity of that name cannot have: numbers that overflow, zero or negative speeds, loads
@@ -77,7 +84,7 @@ def check_values(name: str, values: np.ndarray, rows, resource: str, uncertainty
     def refuse(bad, what):
         refuse_rows(bad, rows, column, lambda i: f"{what}; it is {values[i]:g} {si_unit(name)} in SI units{hint}")
 
-    refuse_rows(np.isinf(values), rows, column, "the number is too large in SI units; check the number and its unit")
+    refuse_large(values, rows, column)
     if name in _COUNTS:
         refuse((values < 1) | (values != np.round(values)), "must be a whole number from 1 upwards")
     elif resource != "samples" and name in _POSITIVE:
@@ -108,7 +115,7 @@ def check_record(key: str, values: Mapping[str, np.ndarray], independent: str, r
     count = int(np.any(np.isfinite(channels), axis=0).sum()) if channels else 0
     if count < FEWEST_SAMPLES:
         problem = f"record {key!r} has only {count} samples with a value; at least {FEWEST_SAMPLES} are needed"
-        raise InputError(problem, file=rows.file, column="record", row=rows.lines[-1])
+        raise InputError(problem, file=rows.file, column="record", row=rows.lines[-1] if len(rows.lines) else None)
 
 
 def check_samples(samples, keys: Sequence[str], kind: RecordKind) -> str:

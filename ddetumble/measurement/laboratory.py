@@ -14,14 +14,14 @@ from .._user_files import split_name
 from . import alignment
 from .alignment import RawTest
 from .campaign import Campaign, Column
-from .checks import check_keys, check_record, check_values, read_known
+from .checks import check_keys, check_record, check_values, read_known, refuse_large
 from .columns import FRICTION_TEST, Plan, choose_columns, expand_role, find_unit, make_plan, read_pairs
 from .conditions import read_conditions, read_names
 from .faults import find_truncated
 from .kinds import DEFAULT_KIND, RecordKind, find_kind, take_kind
 from .layout import RawFile
 from .plausibility import check_plausibility
-from .recordings import ENDINGS, is_bag, read_files, split_sheet
+from .recordings import ENDINGS, is_bag, probe_files, read_files, split_sheet
 from .tables import convert_column, read_texts, read_toml
 from .units import ROLES, Uncertainty, check_unit, parse_quantity, parse_uncertainty, si_unit
 
@@ -109,7 +109,9 @@ def import_tests(
         asked = "; if they are gauge pressures, give --gauge and --ambient" if gauge is None else ", as --absolute says"
         plan.notes.append(f"The pressures were taken as absolute{asked}.")
     tests, (table, part) = [], (None, None) if conditions is None else split_sheet(conditions)
-    for file in _list_files(paths, None if part else table):
+    listed = _list_files(paths, None if part else table)
+    probe_files(listed)
+    for file in listed:
         settings = part if table is not None and Path(file).resolve() == table.resolve() else None
         for raw in read_files(file, sheet=sheet, leave_out=settings, delimiter=delimiter, decimal=decimal):
             with error_place(sheet=raw.sheet):
@@ -269,8 +271,9 @@ def _read_tests(raw: RawFile, plan: Plan) -> list[RawTest]:
         if role == "record":
             continue
         unit = find_unit(raw, role, column, plan)
-        values[role] = unit.convert(convert_column(raw, column, decimal=raw.decimal,
-                                                   allow_missing=role not in (independent, "sequence")))
+        cells = convert_column(raw, column, decimal=raw.decimal, allow_missing=role not in (independent, "sequence"))
+        refuse_large(cells, raw, column)
+        values[role] = unit.convert(cells)
         if plan.si.setdefault(role, unit.si) != unit.si:
             raise InputError("the unit is of a different kind from that in earlier files", file=raw.file, column=column)
     used = ", ".join(f"{role} from {column!r}" for role, column in roles.items())

@@ -1,8 +1,13 @@
 """A laboratory's files of any format as tables: one sheet or group, and channels put together by their clocks."""
 
+import contextlib
 import fnmatch
 import importlib
+import json
 import logging
+import os
+import subprocess
+import sys
 import warnings
 from collections import Counter
 from collections.abc import Iterable
@@ -30,6 +35,10 @@ _READERS = {
     **dict.fromkeys((".uff", ".unv"), ("uff", "pyuff", True)),
     **dict.fromkeys((".mcap", ".db3"), ("messages", "mcap and rosbags", True)),
 }
+# Formats whose libraries may crash at a damaged file, or never return.
+_FRAGILE = (".mat", ".h5", ".hdf5", ".hdf", ".nxs", ".nc")
+_READ_APART = "from ddetumble.measurement.recordings import read_apart; read_apart()"
+PATIENCE, SLOWEST = 15.0, 5e6  # s, and bytes a second, for files that are read apart
 BAG = "metadata.yaml"  # makes a folder a rosbag2
 ENDINGS = (*TEXT, *_READERS)
 # Share of a sampling interval within which times of two clocks are one: decimal steps are rounded in the last digits.
@@ -61,7 +70,8 @@ class Recording(RawFile):
             if apart is not None:
                 raise InputError("the channel has no clock, as others have; choose a column for the time with --time",
                                  file=self.file, column=apart)
-            columns |= self._spread(columns, clocks) if own else {self.clock: next(iter(clocks.values()))}
+            columns |= self._spread(columns, clocks) if own else {self.clock: next(
+                iter(clocks.values()), np.zeros(1))}  # one sample needs no clock
             if own:
                 rates = ", ".join(f"{name} {len(clock)} samples" for name, clock in clocks.items())
                 notes.append(f"{Path(self.file).name}: the channels have clocks of their own ({rates}); nothing was "
@@ -135,6 +145,36 @@ def read_files(path, *, sheet: str | None = None, leave_out: str | None = None, 
     return found
 
 
+def probe_files(paths: Iterable[Path | str]) -> None:
+    """Refuse a file at which a library crashes or never returns, which ends the process or holds it up: files of such
+    libraries are first read once in a process of their own.
+    """
+    files = [str(path) for path in paths if Path(path).suffix.lower() in _FRAGILE and Path(path).is_file()]
+    if not files:
+        return
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    try:
+        done = subprocess.run([sys.executable, "-c", _READ_APART], input=json.dumps(files).encode(), env=environment,
+                              stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+                              timeout=PATIENCE + sum(map(os.path.getsize, files)) / SLOWEST)
+        told, failed = done.stdout, done.returncode != 0
+    except subprocess.TimeoutExpired as error:
+        told, failed = error.stdout or b"", True
+    except OSError:  # a Python that is part of another program starts no other
+        return
+    if failed and told:
+        raise InputError("the file is damaged: the library that reads it breaks down; export or copy it again",
+                         file=files[told.count(b"\n") - 1])
+
+
+def read_apart() -> None:
+    """Read the files that standard input lists, a line before each, and say nothing else."""
+    for path in json.loads(sys.stdin.read()):
+        print(flush=True)
+        with contextlib.suppress(InputError):
+            _read_groups(Path(path))
+
+
 def list_channels(path) -> tuple[Channel, ...]:
     """Everything that a file of any format holds, by sheet or group: names, units, values and clocks.
 
@@ -142,6 +182,7 @@ def list_channels(path) -> tuple[Channel, ...]:
         InputError: The file cannot be read, or its library is missing.
     """
     path = Path(path)
+    probe_files([path])
     if path.suffix.lower() not in _SHEETS:
         if is_bag(path) or path.suffix.lower() in _READERS:
             return tuple(channel for channels in _read_groups(path).values() for channel in channels)

@@ -94,9 +94,9 @@ class Unit:
     def convert(self, values):
         """Values in this unit to SI, same shape; exact decimal steps (mm to m) are divided, so 0.25 ms is 0.00025 s."""
         inverse = round(1 / self.scale) if self.scale < 1 else 0
-        if inverse and abs(self.scale * inverse - 1) < 1e-14:
-            return values / inverse + self.offset
-        return values * self.scale + self.offset
+        exact = inverse and abs(self.scale * inverse - 1) < 1e-14
+        with np.errstate(over="ignore", invalid="ignore"):  # who takes the values refuses what is no number
+            return (values / inverse if exact else values * self.scale) + self.offset
 
 
 def role_of(name: str) -> str | None:

@@ -1,6 +1,8 @@
 """Spreadsheets: rows of text cells by sheet, for the same search for headings, units and data as in a text file."""
 
+import contextlib
 import datetime as dt
+import io
 import zipfile
 from pathlib import Path
 
@@ -59,8 +61,12 @@ def _read_excel(path: Path) -> dict[str, Rows]:
 def _read_open_document(path: Path) -> dict[str, Rows]:
     from odf import opendocument, table, teletype
 
+    with contextlib.redirect_stdout(io.StringIO()) as told:
+        book = opendocument.load(str(path))
+    if told.getvalue():  # odfpy prints a part that breaks off, and goes on with what stands before
+        raise ValueError("a part of it is no XML")
     found = {}
-    for sheet in opendocument.load(str(path)).getElementsByType(table.Table):
+    for sheet in book.getElementsByType(table.Table):
         rows, line = found.setdefault(sheet.getAttribute("name"), []), 1
         for row in sheet.getElementsByType(table.TableRow):
             cells = []
