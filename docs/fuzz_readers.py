@@ -208,16 +208,23 @@ def prepare(name: str, folder: Path) -> tuple[Path, object]:
     return valid, truth
 
 
-def work(link, name: str, folder: Path, seed: int) -> None:
-    """Try seed after seed in a process that may die, with little memory."""
+def work(link, name: str, folder: Path, seed: int, careful: bool) -> None:
+    """Try seed after seed in a process that may die, with little memory; the first of them as users do, with files of
+    fragile libraries read apart first, where this is the second try.
+    """
     import resource
+
+    from ddetumble.measurement import laboratory
 
     valid, truth = prepare(name, folder)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with open("/proc/self/statm") as pages:
         held = int(pages.read().split()[0]) * os.sysconf("SC_PAGE_SIZE")
     resource.setrlimit(resource.RLIMIT_AS, (int(held + 2 * MEMORY), resource.RLIM_INFINITY))
+    probe = laboratory.probe_files
     for number in itertools.count(seed):
+        # Without it more files can be tried.
+        laboratory.probe_files = probe if careful and number == seed else lambda paths: None
         link.send("begins")
         attempt = try_one(name, number, folder, valid, truth)
         if (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024 > MEMORY:
@@ -228,11 +235,12 @@ def work(link, name: str, folder: Path, seed: int) -> None:
 
 def fuzz(name: str, seconds: float, seed: int, folder: Path) -> list[tuple[int, Attempt]]:
     """Attempts on a format for so many seconds."""
-    found, end = [], time.monotonic() + seconds
+    found, end, again = [], time.monotonic() + seconds, None
     os.environ["DDETUMBLE_MEMORY"] = f"{MEMORY / 1e9:g} GB"
     while time.monotonic() < end:
         mine, other = multiprocessing.Pipe()
-        process = multiprocessing.get_context("spawn").Process(target=work, args=(other, name, folder, seed))
+        given = (other, name, folder, seed, seed == again)
+        process = multiprocessing.get_context("spawn").Process(target=work, args=given)
         process.start()
         other.close()
         died = ""
@@ -255,7 +263,9 @@ def fuzz(name: str, seconds: float, seed: int, folder: Path) -> list[tuple[int, 
         process.join()
         if died and patience > PATIENCE:
             raise RuntimeError(f"{name}: not even the valid file can be read")
-        if died:
+        if died and again != seed:
+            again = seed
+        elif died:
             found.append((seed, Attempt("?", "finding", died)))
             seed += 1
     return found

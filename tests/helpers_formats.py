@@ -54,10 +54,12 @@ def write_sheets(path, sheets):
 
 
 def _write_open_document(path, sheets):
+    from odf.element import Element
     from odf.opendocument import OpenDocumentSpreadsheet
     from odf.table import Table, TableCell, TableRow
     from odf.text import P
 
+    Element.namespaces.clear()  # odfpy writes those of every file that it has read, those of damaged ones too
     book = OpenDocumentSpreadsheet()
     for name, rows in sheets.items():
         table = Table(name=name)

@@ -94,7 +94,8 @@ def _read(path: Path) -> export.Exported | None:
     except FileNotFoundError:
         return None
     except Exception:  # half a file, of whatever kind of damage: traced anew and written again
-        path.unlink(missing_ok=True)
+        with suppress(OSError):  # a folder that cannot be written, or, on Windows, a file that another process reads
+            path.unlink()
         return None
 
 
