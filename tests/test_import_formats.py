@@ -45,6 +45,7 @@ GAS = ("bar", 4 * STEP, np.round(10 + np.linspace(0, 1, 128), 4))  # a slower ch
 def make(folder, name, held=None):
     """A file of a format, by its name in `FORMATS`."""
     write, default = FORMATS[name]
+    folder.mkdir(exist_ok=True)
     return write(folder / name, default() if held is None else held)
 
 
@@ -406,6 +407,13 @@ def test_damaged_files(tmp_path, name, monkeypatch):
     for seed in range(24):
         attempt = try_one(name, seed, tmp_path, valid, truth)
         assert attempt.outcome != "finding", (seed, attempt)
+
+
+@pytest.mark.parametrize("name", ["run.tdms", "bag"])
+def test_a_channel_of_one_sample_or_none(tmp_path, name):
+    for count in (1,) if name == "bag" else (1, 0):
+        path = make(tmp_path / str(count), name, clocked(Fz=("N", STEP, trace()[:count])))
+        refuse(path, **UNITLESS.get(name, {}))
 
 
 def test_a_library_that_breaks_down(tmp_path, monkeypatch):

@@ -18,6 +18,7 @@ from ddetumble import _settings
 from ddetumble.cli import failures, main, places
 from ddetumble.effects.template import write_template
 from ddetumble.exam import running
+from ddetumble.inference import programs
 from ddetumble.posterior import chain
 
 
@@ -95,6 +96,17 @@ def test_cores_and_workers(windows, monkeypatch):
 def test_a_block_of_a_chain(tmp_path, windows):
     chain.write_arrays(tmp_path / "block.npz", {"x": chain.np.arange(3)})
     assert list(chain.read_arrays(tmp_path / "block.npz")["x"]) == [0, 1, 2]
+
+
+def test_a_program_that_another_process_reads(tmp_path, monkeypatch):
+    """One that is damaged is made again, also where it cannot be removed."""
+    (tmp_path / "a-program").write_bytes(b"half a file")
+
+    def refuse(path):
+        raise PermissionError(errno.EACCES, "in use", str(path))
+
+    monkeypatch.setattr(type(tmp_path), "unlink", refuse)
+    assert programs._read(tmp_path / "a-program") is None and programs._read(tmp_path / "none-program") is None
 
 
 def test_a_pipe_that_nobody_reads(windows, monkeypatch, capsys):

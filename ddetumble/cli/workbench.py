@@ -32,7 +32,7 @@ def open_workbench(
     """
     path = locate_campaign(campaign)
     if importlib.util.find_spec("marimo") is None:
-        raise InputError("the workbench needs marimo; install it with: pip install 'ddetumble[workbench]'")
+        raise InputError('the workbench needs marimo; install it with: pip install "ddetumble[workbench]"')
     with socket.socket() as probe:
         if port is not None and probe.connect_ex((HOST, port)) == 0:
             raise InputError(f"port {port} is taken; name another one, or none", option="--port")

@@ -150,7 +150,7 @@ def probe_files(paths: Iterable[Path | str]) -> None:
     libraries are first read once in a process of their own.
     """
     files = [str(path) for path in paths if Path(path).suffix.lower() in _FRAGILE and Path(path).is_file()]
-    if not files:
+    if not files or getattr(sys, "frozen", False):  # a Python that is part of another program starts no other
         return
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     try:
@@ -160,7 +160,7 @@ def probe_files(paths: Iterable[Path | str]) -> None:
         told, failed = done.stdout, done.returncode != 0
     except subprocess.TimeoutExpired as error:
         told, failed = error.stdout or b"", True
-    except OSError:  # a Python that is part of another program starts no other
+    except OSError:  # no process can be started
         return
     if failed and told:
         raise InputError("the file is damaged: the library that reads it breaks down; export or copy it again",
