@@ -8,7 +8,7 @@ import functools
 _WORDS = {"file": "{}", "sheet": "{}", "row": "line {}", "column": "column {}", "key": "key {}", "option": "{}"}
 
 
-def _plain(text: str) -> str:
+def plain_text(text: str) -> str:
     """Make text printable on one line, whatever bytes a damaged file put into it."""
     text = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in " ".join(str(text).split()))
     return text if len(text) <= 600 else text[:597] + "..."
@@ -43,7 +43,7 @@ class InputError(ValueError):
 
     def __str__(self) -> str:
         place = ", ".join(_WORDS[name].format(value) for name, value in self.places().items())
-        return _plain(f"{place}: {self.problem}" if place else self.problem)
+        return plain_text(f"{place}: {self.problem}" if place else self.problem)
 
     def __reduce__(self):
         return functools.partial(type(self), **self.places()), (self.problem,)

@@ -39,9 +39,9 @@ from helpers_formats import CONDITIONS, FORMATS, STEP, TIME, UNITLESS, trace  # 
 PATIENCE, MEMORY = 20.0, 2e9  # s and bytes for one attempt
 TOKENS = (b"", b"0", b"-1", b"1e999", b"nan", b"1,5", b"99999999999", b"x", b"&", b"\x00", b"\xff\xfe")
 OUTCOMES = {  # in the order of the table
-    "refused": "refused", "same": "true", "touched": "true but for eight numbers at most",
-    "restated": "otherwise of the same size", "resized": "of another size",
-    "written": "as the library wrote it, which was not the truth", "finding": "findings"}
+    "refused": "refused", "same": "true, or the library does not write it",
+    "touched": "true but for eight numbers at most", "restated": "otherwise of the same size",
+    "resized": "of another size", "written": "as the library wrote it, which was not the truth", "finding": "findings"}
 Damage = Callable[[np.random.Generator, bytes], bytes]
 
 

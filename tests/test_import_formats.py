@@ -366,6 +366,8 @@ def test_command_line(tmp_path, capsys):
     for name in FORMATS:
         assert main(["import", str(make(tmp_path, name)), "--list"]) == 0
     assert "wrench.force.z" in capsys.readouterr().out
+    bad = write_hdf5(tmp_path / "bad.h5", {"\x1b[2Jshot": channels(**{"p\x1b[31m": ("b\x07", TIME)})})
+    assert main(["import", str(bad), "--list"]) == 0 and capsys.readouterr().out.replace("\n", "").isprintable()
     assert main(["import", str(path), "--speed", "0.4 m/s"]) == 2 and "-o" in capsys.readouterr().err
     out = tmp_path / "campaign"
     assert main(["import", str(path), "--speed", "0.4 m/s", "-o", str(out)]) == 0

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from .._errors import InputError
+from .._errors import InputError, plain_text
 from .options import Overwrite, Texts, command, option, place
 from .places import check_file, locate_campaign, open_optional, write_bytes, write_table
 from .progress import show_progress
@@ -168,11 +168,11 @@ def show_contents(paths: list[Path]) -> None:
         for channel in list_channels(path):
             if channel.group != shown:
                 shown = channel.group
-                typer.echo(f"  {shown}:")
+                typer.echo(f"  {plain_text(shown)}:")
             unit, count = f" [{channel.unit}]" if channel.unit else "", len(channel.values)
             about = f"{count} value{'s' * (count != 1)}"
             if channel.clock is not None and count > 1:
                 about += f", clock of its own, every {float(channel.clock[-1] - channel.clock[0]) / (count - 1):.6g} s"
             elif count:
                 about += f", {'from ' * (count > 1)}{channel.values[0]}"
-            typer.echo(f"    {channel.name}{unit}: {channel.problem or about}")
+            typer.echo(f"    {plain_text(f'{channel.name}{unit}: {channel.problem or about}')}")
