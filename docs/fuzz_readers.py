@@ -283,8 +283,9 @@ def tell(rows: dict[str, dict], versions: dict[str, str]) -> str:
              "itself writes. A finding is anything but a campaign or one printable sentence that names the file, in",
              "20 s and 2 GB, or a warning.", "",
              f"Python {versions['python']}; other versions are in `result.json`, with examples of each outcome.", "",
-             "| file | " + " | ".join(OUTCOMES.values()) + " |", "| --- |" + " ---: |" * len(OUTCOMES)]
-    lines += [f"| {name} | " + " | ".join(str(row["outcomes"].get(one, 0)) for one in OUTCOMES) + " |"
+             "| file | seconds | " + " | ".join(OUTCOMES.values()) + " |",
+             "| --- | ---: |" + " ---: |" * len(OUTCOMES)]
+    lines += [f"| {name} | {row['seconds']:.0f} | " + " | ".join(str(row["outcomes"].get(one, 0)) for one in OUTCOMES) + " |"
               for name, row in rows.items()]
     return "\n".join([*lines, ""])
 
@@ -309,7 +310,7 @@ def main(arguments: list[str] | None = None) -> int:
         for number, attempt in found:
             told = attempt.told.replace(folder, "")
             examples.setdefault(attempt.outcome, []).append(f"{number}: {attempt.done}: {told}")
-        rows[name] = {"outcomes": outcomes, "examples": {one: held[: None if one == "finding" else 5]
+        rows[name] = {"seconds": given.seconds, "outcomes": outcomes, "examples": {one: held[: None if one == "finding" else 5]
                                                          for one, held in examples.items()}}
         print(f"{name}: " + ", ".join(f"{outcomes[one]} {one}" for one in OUTCOMES), flush=True)
         for line in examples.get("finding", [])[:20]:

@@ -15,7 +15,7 @@ from .units import parse_quantity, role_of, si_unit
 
 
 PEAKS = ("peak_normal_force", "rebound_speed", "contact_time", "impulse", "peak_depression", "peak_friction_force")
-LARGEST = 1e100  # in any unit: squares of larger numbers overflow
+LARGEST = 1e50  # in any unit: fourth powers of much larger numbers overflow
 FEWEST_SAMPLES = 5  # of a record: below it no curve can be told from noise
 GAUGE = ('; if these are gauge pressures, mark the field "reference": "gauge" and state ambient_pressure in known '
          "(for an import, give --gauge and --ambient)")

@@ -16,6 +16,7 @@ import numpy as np
 from .._errors import InputError
 
 
+SHORTEST = 1e-12  # s, of a trace: far below any impact, and far above where squares of times vanish
 FEWEST_BEFORE = 5  # samples before contact, for a median and a deviation
 REACH = 0.5  # of the peak: up to there, speed and gas pressure have changed too little for the damping to matter
 # F/F(1) = (u² + b₃u³ + b₅u⁵) / (1 + b₃ + b₅), with u the time since touch over that of the rise to REACH. Fitted to
@@ -143,6 +144,8 @@ def _cut_rise(time, force, label: str) -> _Rise:
     time, force = time[there], force[there]
     if len(time) < 2 * FEWEST_BEFORE:
         _refuse(label, f"there are only {len(time)} samples, too few to find the contact onset")
+    if time[-1] - time[0] < SHORTEST:
+        _refuse(label, f"the samples span {time[-1] - time[0]:.3g} s, in which there is no contact")
     last = int(np.argmax(force))
     if last < FEWEST_BEFORE:
         _refuse(label, f"the force peaks within the first {FEWEST_BEFORE} samples, so the record does not begin "
@@ -191,7 +194,8 @@ def _cross(time, above, first: int, last: int, noise: float) -> tuple[float, flo
     roots = np.real(values.roots()[np.isreal(values.roots())])
     root = float(roots[np.argmin(np.abs(roots))]) if len(roots) else 0.0
     steepness = max(float(values.deriv()(root)), 1e-300)
-    return float(time[i]) + root, noise / steepness / np.sqrt(len(x) / 2.0)
+    # Where the parabola does not rise there, nothing is known but that it lies in the trace.
+    return float(time[i]) + root, min(noise / steepness / np.sqrt(len(x) / 2.0), float(time[-1] - time[0]))
 
 
 @dataclass(frozen=True)
@@ -286,7 +290,7 @@ class _Rises:
             columns, priors = [*columns, jump], [*priors, self.height]
         columns.append(0.5 * height * (late - early) / scale)
         matrix = np.stack(columns, axis=2) * self.weight[..., None]
-        size = np.maximum(np.sqrt(np.einsum("gnk,gnk->gk", matrix, matrix)), 1e-300)
+        size = np.maximum(np.sqrt(np.einsum("gnk,gnk->gk", matrix, matrix)), 1e-100)
         matrix = matrix / size[:, None, :]
         right = self.force * self.weight
         data = np.swapaxes(matrix, 1, 2) @ matrix

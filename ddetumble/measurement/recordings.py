@@ -3,6 +3,7 @@
 import contextlib
 import fnmatch
 import importlib
+import io
 import json
 import logging
 import os
@@ -217,9 +218,10 @@ def _read_groups(path: Path) -> dict:
     if not is_bag(path):
         find_file(path)
     logged = logging.root.manager.disable
-    logging.disable(logging.CRITICAL)  # what a library has to say is in the error
+    logging.disable(logging.CRITICAL)
     try:
-        with warnings.catch_warnings(), error_place(file=str(path)):
+        # What libraries print when they fail is in the error.
+        with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()), error_place(file=str(path)):
             warnings.simplefilter("ignore")
             found = getattr(importlib.import_module(f".formats.{module}", __package__), f"read_{module}")(path)
     except InputError:
