@@ -281,12 +281,14 @@ def tell(rows: dict[str, dict], versions: dict[str, str]) -> str:
              "written twice, blanked, the end cut off, numbers and words replaced (in .xlsx and .ods also inside of",
              "their parts, with right checksums), and channels of wrong kinds, sizes, units and names that the library",
              "itself writes. A finding is anything but a campaign or one printable sentence that names the file, in",
-             "20 s and 2 GB, or a warning.", "",
+             "20 s and 2 GB, or a warning. A number, unit or scale that damage turns into another cannot be told from",
+             "a measured one where a format has no checksum: the campaign is then another one of the same size.", "",
              f"Python {versions['python']}; other versions are in `result.json`, with examples of each outcome.", "",
              "| file | seconds | " + " | ".join(OUTCOMES.values()) + " |",
              "| --- | ---: |" + " ---: |" * len(OUTCOMES)]
-    lines += [f"| {name} | {row['seconds']:.0f} | " + " | ".join(str(row["outcomes"].get(one, 0)) for one in OUTCOMES) + " |"
-              for name, row in rows.items()]
+    for name, row in rows.items():
+        counts = [str(row["outcomes"].get(one, 0)) for one in OUTCOMES]
+        lines.append(f"| {name} | {row['seconds']:.0f} | {' | '.join(counts)} |")
     return "\n".join([*lines, ""])
 
 
@@ -310,8 +312,8 @@ def main(arguments: list[str] | None = None) -> int:
         for number, attempt in found:
             told = attempt.told.replace(folder, "")
             examples.setdefault(attempt.outcome, []).append(f"{number}: {attempt.done}: {told}")
-        rows[name] = {"seconds": given.seconds, "outcomes": outcomes, "examples": {one: held[: None if one == "finding" else 5]
-                                                         for one, held in examples.items()}}
+        shown = {one: held[: None if one == "finding" else 5] for one, held in examples.items()}
+        rows[name] = {"seconds": given.seconds, "outcomes": outcomes, "examples": shown}
         print(f"{name}: " + ", ".join(f"{outcomes[one]} {one}" for one in OUTCOMES), flush=True)
         for line in examples.get("finding", [])[:20]:
             print("   ", line[-1500:], flush=True)
