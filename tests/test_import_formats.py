@@ -348,6 +348,14 @@ def test_packed_numbers_and_times_of_day(tmp_path):
         pd.testing.assert_frame_equal(take_samples(campaign), take_samples(wanted), check_exact=True)
 
 
+def test_a_recording_that_has_lost_messages(tmp_path):
+    for storage in ("SQLITE3", "MCAP"):
+        path = write_bag(tmp_path / storage, clocked(), storage)
+        index = path / "metadata.yaml"
+        index.write_text(index.read_text().replace("message_count: 512", "message_count: 513"))
+        refuse(path, "512", "513", **UNITLESS["bag"])
+
+
 def test_messages_of_another_kind(tmp_path):
     (tmp_path / "empty").mkdir()
     (tmp_path / "empty" / "metadata.yaml").write_text("rosbag2_bagfile_information: 3\n")

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..._errors import InputError
 from ..._settings import refuse_memory
 from .channel import Channel
 
@@ -61,8 +62,12 @@ def _read_ros(path: Path) -> Iterator[tuple[str, int, Any]]:
     from rosbags.typesys import Stores, get_typestore
 
     with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
-        for connection, logged, data in reader.messages():
+        count = 0
+        for count, (connection, logged, data) in enumerate(reader.messages(), 1):
             yield connection.topic, logged, reader.deserialize(data, connection.msgtype)
+        if count != reader.message_count:  # a damaged data base may lose some without a word
+            raise InputError(f"the recording states {reader.message_count} messages and {count} can be read; copy it "
+                             "again, or index it anew with ros2 bag reindex", file=path)
 
 
 def _list_fields(message: Any) -> dict[str, Any]:
