@@ -63,7 +63,8 @@ def _read_ros(path: Path) -> Iterator[tuple[str, int, Any]]:
 
     with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
         count = 0
-        for count, (connection, logged, data) in enumerate(reader.messages(), 1):
+        for connection, logged, data in reader.messages():
+            count += 1
             yield connection.topic, logged, reader.deserialize(data, connection.msgtype)
         if count != reader.message_count:  # a damaged data base may lose some without a word
             raise InputError(f"the recording states {reader.message_count} messages and {count} can be read; copy it "
