@@ -180,7 +180,7 @@ def main(arguments: list[str] | None = None) -> int:
         for name, problems in examine(ROOT, Path(os.path.realpath(place))):
             failed += bool(problems)
             print("\n        ".join((f"{'failed' if problems else 'passed'}  {name}", *problems)), flush=True)
-    print(f"{failed} items failed: not ready." if failed else "Ready to publish; nothing was uploaded.")
+    print(f"Not ready: {failed} failed." if failed else "Ready to publish; nothing was uploaded.")
     return int(failed > 0)
 
 
