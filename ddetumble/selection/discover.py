@@ -29,6 +29,7 @@ from .missing.missing_force import describe_missing
 from .outliers import Cleaned, begin_cleaning, clean_records
 from .problem import Fitted, SelectionProblem, Zeros, fit_reference, pose_selection
 from .result import MissingForce, Place
+from .rounding import find_rounding
 from .series import nrmse
 from .settings import DEFAULT, SelectionSettings
 from .verdict_facts import list_doubts, list_notes, tell_discovery
@@ -104,6 +105,9 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
             verdict, where = "explained" if len(steps) > 1 else "nothing-missing", []
         elif irregular:
             verdict = "undecided"
+    rounding = find_rounding(selection, steps) if len(steps) > 1 else None
+    if rounding is not None:
+        verdict, where, steps, missing, irregular = "undecided", [], steps[:1], None, False
     biases: list[SettingBias] = []
     if len(steps) > 1 and selection.holds_out:
         biases = [one for one in fit_biases(selection, steps[0].fitted, steps[-1].fitted) if not one.rejected
@@ -131,6 +135,7 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
         faults=state.faults, doubts=doubts, references=tuple(
             _describe_reference(n, kind.models[n].text, other.steps[-1]) for n, other in others.items()),
         spread=describe_spread(selection), irregular=irregular, biases=tuple(biases), shared_error=shared,
+        rounding=rounding,
         missing=missing if isinstance(missing, MissingForce) and not irregular else None, made=made)
     family, left_out = selection.family, selection.left_out
     notes = list_notes(found, family, left_out, asked.name, missing if isinstance(missing, str) else "",

@@ -15,7 +15,7 @@ from ..measurement.faults import Fault
 from ..measurement.quantities import clean
 from .bias import SettingBias
 from .confidence import Confidence, find_confidence, list_allowances
-from .result import RESULT, RIVALS, Candidate, MissingForce, Place, SettingSpread, Step, list_shifts
+from .result import RESULT, RIVALS, Candidate, MissingForce, Place, Rounding, SettingSpread, Step, list_shifts
 from .settings import DEFAULT, SelectionSettings
 from .text import align, choose_view, format_candidates, format_steps, say_place, say_verdict, show_estimate, wrap
 
@@ -44,6 +44,7 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
         spread: settings that scatter more than stated, which the fits allow for.
         biases: errors of single settings, shared by all records, that explain them as well as the effects do.
         shared_error: of one setting in all records, which the models allow for beside what the campaign states.
+        rounding: effects that change no more than the digits of the gauge might; the verdict is then `undecided`.
         irregular: whether the misfit that is left is none of a force's: no force of any variable removes any of it on
             conditions that are left out, and nothing of it repeats over the records. If the verdict is `undecided`,
             that could not be judged, or baselines that wander fit as well as a force might.
@@ -73,6 +74,7 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
     spread: tuple[SettingSpread, ...] = ()
     biases: tuple[SettingBias, ...] = ()
     shared_error: SettingBias | None = None
+    rounding: Rounding | None = None
     irregular: bool = False
     missing: MissingForce | None = None
     made: tuple[tuple[Callable[[], Fit], ...], tuple[Callable[[], Fit], ...]] = dc.field(
@@ -183,7 +185,8 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
             "where": [{k: v for k, v in list_fields(w).items() if v is not None} for w in self.where],
             "parameters": last.parameters, "correlations": last.correlations, "nuisances": list_shifts(last.shifts),
             "lack_of_fit": self.steps[0].lack_of_fit, "setting_spread": self.spread,
-            "setting_biases": self.biases, "shared_error": self.shared_error, "allowances": self.allowances,
+            "setting_biases": self.biases, "shared_error": self.shared_error, "rounding": self.rounding,
+            "allowances": self.allowances,
             "confidence": self.confidence,
             "missing_force": self.missing and self.missing.to_dict(settings=False),
             "settings": {"level": self.settings.level, **self.counts, "thresholds": self.settings},

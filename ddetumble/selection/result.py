@@ -75,6 +75,14 @@ class SettingShift:
 
 
 @dc.dataclass(frozen=True)
+class Rounding:
+    """Effects that change the readings by no more than the digits of the gauge may do to their mean."""
+
+    effects: tuple[str, ...]
+    digits: dict[str, float]  # of the channels in which the effects are seen, by name, SI
+
+
+@dc.dataclass(frozen=True)
 class SettingSpread:
     """How much a setting scatters beyond what the campaign states, estimated from the records themselves."""
 

@@ -104,6 +104,8 @@ class SelectionSettings:
             2,500, of gyroscopes whose bias walks at random 5 at most.
         bias: standard deviation of an error that all records share, as a share of the setting: a gauge that was not
             calibrated lately.
+        rounding: times the largest error of the mean that the digits of a gauge make, up to which a change of its
+            readings may be rounding.
         noise: what decides how the noise is taken.
         spread: when settings count as scattering more than stated.
         screening, outliers, baseline: what counts as a fault of the data.
@@ -146,6 +148,7 @@ class SelectionSettings:
     repeats_rough: float = 0.005
     smooth: float = 10.0
     bias: float = 0.02
+    rounding: float = 1.0
     noise: NoiseSettings = NoiseSettings()
     spread: SpreadSettings = SpreadSettings()
     screening: ScreeningSettings = ScreeningSettings()

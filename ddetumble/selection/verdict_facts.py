@@ -179,6 +179,9 @@ def _tell_verdict(found: Discovery, family: Family, folds: str) -> Sentence:
     if found.verdict == "undecided" and found.biases:
         return say("verdict.bias_or_effect", model=model, before=before, p=p, bias=_describe_bias(found.biases[0]),
                    effects=list(found.biases[0].effects))
+    if found.verdict == "undecided" and found.rounding is not None:
+        return say("verdict.rounding", model=model, before=before, p=p, effects=list(found.rounding.effects),
+                   channels=list(found.rounding.digits))
     if found.verdict == "undecided" and found.irregular:
         if lack.rejected:
             return say("verdict.unrelated", model=model, records=records, before=before, p=p, folds=family.folds)
