@@ -68,8 +68,9 @@ def show_share(rows: list[dict], key: str) -> str:
     shares = np.array([np.mean([low <= truth <= high for truth, *_, low, high in row[key].values()]) for row in own])
     count = sum(len(row[key]) for row in own)
     reach = NORMAL_95 * float(stats.sem(shares)) if len(shares) > 1 else float("nan")
-    return (f"{shares.mean():.1%} of {count} intervals in {len(own)} campaigns (95 % limits of the share, from the "
-            f"scatter over campaigns: {shares.mean() - reach:.1%} to {shares.mean() + reach:.1%})")
+    low, high = 100 * (shares.mean() - reach), 100 * min(shares.mean() + reach, 1.0)
+    return (f"{100 * shares.mean():.1f} % of {count} intervals in {len(own)} campaigns (95 % limits of the share, from "
+            f"the scatter over campaigns: {low:.1f} to {high:.1f} %)")
 
 
 def describe(rows: list[dict]) -> str:

@@ -56,7 +56,7 @@ def import_files(
     uncertainty: Annotated[
         Texts, option("NAME=QUANTITY", "Standard deviation of a quantity: 'force=0.25 N'; may be repeated.")] = None,
     common_uncertainty: Annotated[
-        Texts, option("NAME=QUANTITY", "Standard deviation of an error common to all records: 'pressure=2 %'.")] = None,
+        Texts, option("NAME=QUANTITY", "Deviation of an error common to all records: 'approach_speed=2 %'.")] = None,
     known: Annotated[Texts, option(
         "NAME=QUANTITY", "Parameter of the model: 'outer_diameter=60 mm' (slip: 'elastic_modulus=7.8 MPa'), or null to "
         "have it fitted.")] = None,

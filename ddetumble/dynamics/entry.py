@@ -50,6 +50,8 @@ def read_conditions(conditions: Mapping[str, Any], needs: Sequence[str], verb: s
                              "jax.vmap")
         if is_known(array) and not np.all(np.isfinite(array)):
             raise InputError(f"{verb}: {name} is {float(np.ravel(array)[np.argmin(np.isfinite(array))])}")
+        if name.endswith("_pressure") and is_known(array) and np.any(np.asarray(array) < 0):
+            raise InputError(f"{verb}: {name} is absolute, and cannot be negative; it is {float(np.min(array)):g} Pa")
         found[name] = array
     return found
 

@@ -203,12 +203,13 @@ class Fit(AbstractFitted, AbstractPrinted):
             ends.append(end)
         return self.space.parameter(name).transform.interval(*ends)
 
-    def profiled(self, names: Sequence[str] | None = None) -> "Fit":
+    def profiled(self, names: Sequence[str] | str | None = None) -> "Fit":
         """The same fit with 95 % intervals by `profile`: of these parameters, or of those whose `bends` reach two.
 
         Their `sd`, the covariance and what follows from it stay those of the straight line.
         """
-        names = [name for name, bend in self.bends.items() if bend >= BENT] if names is None else names
+        names = [name for name, bend in self.bends.items() if bend >= BENT] if names is None else (
+            [names] if isinstance(names, str) else names)
         ends = {name: self.profile(name) for name in names}
         return dc.replace(self, profiles=tuple(dict.fromkeys((*self.profiles, *ends))), parameters={
             name: dc.replace(p, q025=ends[name][0], q975=ends[name][1]) if name in ends else p

@@ -172,7 +172,14 @@ class ParameterSpace(AbstractSpace):
             if name not in self.index:
                 raise InputError(f"there is no parameter {name!r} in this model; its parameters are: "
                                  f"{', '.join(self.index)}")
-        return np.array([s.parameter.transform.from_field(values.get(s.name, s.parameter.default)) for s in self.slots])
+        found = []
+        for slot in self.slots:
+            value = values.get(slot.name, slot.parameter.default)
+            try:
+                found.append(slot.parameter.transform.from_field(value))
+            except ValueError:
+                raise InputError(f"{slot.name} has to {slot.parameter.transform.words}; it is {value:g}") from None
+        return np.array(found)
 
     @property
     def family(self) -> Family:

@@ -12,6 +12,7 @@ from .._sentences import say
 from ..contact.gripping import StrikeLaw
 from ..measurement.units import format_time
 from .draws import Laws, Source, draw_laws, find_models
+from .errors import NAMES
 from .execution import Spread, draw_errors, follow_errors, try_errors
 from .measured import MeasuredRange, confine, find_measured_ranges, list_ranges, warn_of_extrapolation
 from .prices import Price, price_limits
@@ -116,7 +117,18 @@ class Plan(AbstractPrinted):
             last=format_time(found.instants[-1], find_end(found)) if found.instants else "", beyond=self.beyond,
             relaxed=[(one, _round_loosely(one.needed, one.needed > one.given)) for one in found.relaxations],
             axial=axial, sphere=axial and len(self.problem.debris.surface.find_pivots()) == 3, cheap=LEAST_PRICE)
-        return f"{told} {warn_of_extrapolation(self.ranges, self.impacts, self.problem.conditions)}".rstrip()
+        warned = warn_of_extrapolation(self.ranges, self.impacts, self.problem.conditions)
+        return " ".join(filter(None, (str(told), self.tell_errors(), str(warned))))
+
+    def tell_errors(self) -> str:
+        """What errors of the arm and of the estimate leave of the momentum, in a sentence; '' without an impact."""
+        if not self.spreads:
+            return ""
+        single, used = len(self.impacts) == 1, {"draws", "plan_for"}
+        worst = max(self.spreads[:-1], key=lambda one: one.mean, default=None) if single else None
+        stated = self.settings.errors.model_dump(exclude=used) != ErrorTable().model_dump(exclude=used)
+        most = NAMES[worst.error] if worst is not None and worst.mean > self.sequence.left else ""
+        return str(say("plan.erring", one=self.spreads[-1] if single else self.after[-1], stated=stated, most=most))
 
     def __str__(self) -> str:
         """What was found, and how sure that is."""

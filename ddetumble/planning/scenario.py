@@ -206,7 +206,7 @@ class GoalTable(Strict):
         "after an impact (body components) and the tensor of inertia, in JAX, which returns a positive number to be "
         "made small.")
     impacts: Annotated[StrictInt, Field(ge=1, le=200)] = Field(default=1, description="largest number of impacts.")
-    share: Annotated[Number, Field(ge=0, lt=1)] = Field(
+    share: Annotated[Number, Field(ge=0, lt=1), _read_in("")] = Field(
         default=0.01, description="share of the angular momentum at which a sequence ends; the report measures a plan "
         "by it.")
     least: Literal["impacts", "impulse", "time"] = Field(
