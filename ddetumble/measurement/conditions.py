@@ -12,6 +12,9 @@ from .tables import Table, convert_column, read_texts
 from .units import ROLES, check_unit, si_unit
 
 
+SHOWN = 5  # names of a table in a message
+
+
 def read_conditions(plan: Plan, path, records: dict[str, str]) -> None:
     """Add the columns of a table of conditions with one row a file or record; `records`: key to name of the raw file.
 
@@ -38,7 +41,8 @@ def _add_columns(plan: Plan, table: RawFile, path: Path, records: dict[str, str]
     plan.notes += [f"The conditions were read from {path.name}.", *table.notes]
     unused = len(table) - len(set(rows.values()))
     if unused:
-        plan.notes.append(f"In {path.name}, {unused} rows belong to no imported test.")
+        belong = "1 row belongs" if unused == 1 else f"{unused} rows belong"
+        plan.notes.append(f"In {path.name}, {belong} to no imported test.")
     for column in table.columns:
         if column in links.values():
             continue
@@ -98,15 +102,20 @@ def read_names(plan: Plan, pattern: str, records: dict[str, str]) -> None:
 def _match(table: Table, links: dict[str, str], records: dict[str, str]) -> dict[str, int]:
     """Row of the table for each record."""
     rows, cells = {}, {link: [_unify(cell) for cell in read_texts(table, column)] for link, column in links.items()}
+    single = len(set(records.values())) == 1
     for key, file in records.items():
-        names = {"file": (file, Path(file).name, Path(file).stem), "record": (key,)}
+        short = key.removeprefix(f"{Path(file).stem}-") if single else key  # a sheet or group by its own name
+        names = {"file": (file, Path(file).name, Path(file).stem), "record": (key, short)}
         found = [i for i in range(len(table)) if all(cells[link][i] in map(_unify, names[link]) for link in links)]
         if len(found) > 1:
             problem = f"record {key!r} already has a row on line {table.lines[found[0]]}; keep one"
             raise InputError(problem, file=table.file, row=table.lines[found[1]])
         if not found:
             what = f"record {key!r}" + ("" if Path(file).stem == key else f" of {Path(file).name}")
-            raise InputError(f"{what} has no row; add one (columns {', '.join(links.values())})", file=table.file)
+            there = dict.fromkeys(" ".join(filter(None, map(str, row))) for row in zip(*cells.values(), strict=True))
+            shown = ", ".join(list(there)[:SHOWN]) + (", …" if len(there) > SHOWN else "")
+            columns = "columns " * (len(links) > 1) + " and ".join(links.values())
+            raise InputError(f"{what} has no row; add one. Under {columns} stands {shown or 'nothing'}", file=table.file)
         rows[key] = found[0]
     return rows
 

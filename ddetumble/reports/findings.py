@@ -248,10 +248,16 @@ def show_parameters(models: Mapping[str, Any], points: Iterable[str]) -> Section
     return Section("Parameters", figures=pictures, tables=[Table(header, rows)], points=list(points))
 
 
+def _format_size(value: float) -> str:
+    """A smallest detectable amplitude; with more digits where it is next to 1, the null of gains and exponents."""
+    away = abs(value - 1.0)
+    return format_number(value, 3 if away == 0.0 or away > 0.05 else 2 - math.floor(math.log10(away)))
+
+
 def _show_ranking(discovery: Discovery) -> Section:
     rows = []
     for one in discovery.candidates:
-        sizes = [f"{clean(key.removeprefix(f'{one.effect}.'))} {format_number(value)} "
+        sizes = [f"{clean(key.removeprefix(f'{one.effect}.'))} {_format_size(value)} "
                  f"{clean(one.units.get(key, ''), 16)}".rstrip() for key, value in one.smallest_detectable.items()]
         error = one.standard_error
         difference = "–" if one.heldout_difference == 0 else (
