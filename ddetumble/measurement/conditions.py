@@ -115,7 +115,8 @@ def _match(table: Table, links: dict[str, str], records: dict[str, str]) -> dict
             there = dict.fromkeys(" ".join(filter(None, map(str, row))) for row in zip(*cells.values(), strict=True))
             shown = ", ".join(list(there)[:SHOWN]) + (", …" if len(there) > SHOWN else "")
             columns = "columns " * (len(links) > 1) + " and ".join(links.values())
-            raise InputError(f"{what} has no row; add one. Under {columns} stands {shown or 'nothing'}", file=table.file)
+            raise InputError(f"{what} has no row; add one. Under {columns} stands {shown or 'nothing'}",
+                             file=table.file)
         rows[key] = found[0]
     return rows
 
