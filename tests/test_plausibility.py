@@ -76,6 +76,19 @@ def test_what_no_single_unit_explains_is_asked_about_all_the_same():
     assert not any(doubt.mistakes for doubt in doubts)
 
 
+@pytest.mark.parametrize("name, column, factor", [
+    ("impact-b", "approach_speed", 100.0), ("impact-b", "initial_pressure", 1e-3), ("slip-a", "normal_load", 1e30)])
+def test_a_slip_in_one_record_is_asked_about(name, column, factor):
+    """One setting of one record that is out of all proportion: that record and no other is asked about, and no unit."""
+    campaign = dd.read_campaign(name)
+    records = campaign.records.copy()
+    key = records.index[2]
+    records.loc[key, column] *= factor
+    (found,) = dd.check_plausibility(dc.replace(campaign, records=records))
+    assert repr(key)[1:-1] in str(found) and not found.mistakes
+    assert not found.low <= found.value <= found.high
+
+
 @pytest.mark.slow
 def test_a_fit_tells_of_it():
     campaign = dd.read_campaign(dd.find_data() / "impact-b")

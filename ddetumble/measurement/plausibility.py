@@ -29,6 +29,7 @@ RANGES: Ranges = {
     "stiffness over that of the gas": (0.2, 5.0), "depression over speed and duration": (0.12, 0.9),
     "path over speed and time": (0.5, 2.0), "temperature": (150.0, 500.0),
 }  # fmt: skip
+FAR = 3.0  # times beyond its range, from which on the size of a single record is asked about
 # What that ratio has to be once a mistaken unit is corrected. Its spread (a standard deviation of about 14 %) does not
 # tell factors of 6.9 (psi as kPa) and 10 (MPa as bar) from each other for sure: both may agree.
 CORRECTED = (0.6, 1.7)
@@ -55,7 +56,7 @@ class Implausibility:
     """Something about a campaign as a whole that a wrong unit would explain."""
 
     variable: str  # column, known number or measured size that is out of the ordinary
-    value: float  # its median over the records [SI]
+    value: float  # its median over the records, or that of the one record that is asked about [SI]
     # low, high: what is expected of it [SI].
     low: float
     high: float
@@ -76,7 +77,8 @@ def check_plausibility(campaign: Campaign) -> tuple[Implausibility, ...]:
     Every size that the campaign tells is compared with its range, in `RANGES` or of its kind of tests. One column in
     another unit than stated is the explanation where it brings all of them into their ranges; where none does, each is
     named on its own. Every unit that does so is named, or, if there are any, every one that brings the stiffness of the
-    gas nearly right.
+    gas nearly right. Where the campaign as a whole is ordinary, a size of a single record that is out of all proportion
+    is asked about.
 
     Args:
         campaign: As read or imported, SI.
@@ -85,10 +87,12 @@ def check_plausibility(campaign: Campaign) -> tuple[Implausibility, ...]:
         What should be asked about, none where all is ordinary.
     """
     ranges = {**RANGES, **find_kind(campaign.family).ranges}
-    sizes = _measure_sizes(campaign, ranges)
+    rows = _measure_sizes(campaign, ranges)
+    sizes = {name: replace(next(iter(own.values())), value=float(np.median([size.value for size in own.values()])))
+             for name, own in rows.items()}
     odd = [name for name, size in sizes.items() if not _is_within(size.value, ranges[name])]
     if not odd:
-        return ()
+        return _find_single(rows, ranges)
     mistakes, relations = [], [name for name in odd if " over " in name]
     for column in _SUSPECTS:
         if all(column in sizes[name].powers for name in odd):
@@ -125,37 +129,53 @@ def _list_mistakes(column: str, sizes: Mapping[str, Size], doubtful: bool, range
     return sorted(good or found, key=found.__getitem__)
 
 
-def _measure_sizes(campaign: Campaign, ranges: Ranges) -> dict[str, Size]:
-    """Everything in `ranges` that a campaign tells, by name: medians over the records."""
-    sizes, kind = {}, find_kind(campaign.family)
+def _measure_sizes(campaign: Campaign, ranges: Ranges) -> dict[str, dict[str, Size]]:
+    """Everything in `ranges` that a campaign tells, by name and record; of known numbers one value for all."""
+    sizes: dict[str, dict[str, Size]] = {}
+    kind = find_kind(campaign.family)
     for name, column in campaign.conditions.items():
-        values = campaign.records[name].to_numpy(dtype=float)
+        values = campaign.records[name]
         values = values[np.isfinite(values) & (values != 0)]  # without gas, or straight on: nothing to compare
         if name in ranges and values.size:
-            sizes[name] = Size(float(np.median(values)), column.unit, {name: 1})
+            sizes[name] = {str(key): Size(float(value), column.unit, {name: 1}) for key, value in values.items()}
     for name in NUMBERS:
         known = campaign.known.get(name)
         if known is not None:
-            sizes[name] = Size(known, si_unit(name), {name: 1})
-    rows: dict[str, list[Size]] = {}
+            sizes[name] = {"": Size(known, si_unit(name), {name: 1})}
     for key in campaign.record_keys if campaign.samples is not None else ():
         for name, size in kind.measure(campaign.trace(key), campaign.records.loc[key].to_dict()).items():
             if np.isfinite(size.value) and size.value > 0:
-                rows.setdefault(name, []).append(size)
-    return sizes | {name: replace(own[0], value=float(np.median([size.value for size in own])))
-                    for name, own in rows.items()}
+                sizes.setdefault(name, {})[str(key)] = size
+    return sizes
 
 
-def _ask(name: str, size: Size, mistakes: tuple[tuple[str, str, str], ...], ranges: Ranges) -> Implausibility:
+def _find_single(rows: Mapping[str, Mapping[str, Size]], ranges: Ranges) -> tuple[Implausibility, ...]:
+    """Sizes of single records that lie far beyond what is expected; of each record the one that lies farthest."""
+    worst: dict[str, tuple[float, str]] = {}
+    for name, own in rows.items():
+        low, high = ranges[name]
+        for key, size in own.items():
+            beyond = max(low / size.value, size.value / high) if size.value > 0 else 0.0
+            if beyond > FAR and len(own) > 1:
+                worst[key] = max(worst.get(key, (0.0, "")), (beyond, name))
+    return tuple(_ask(name, rows[name][key], (), ranges, key) for key, (_, name) in worst.items())
+
+
+def _ask(name: str, size: Size, mistakes: tuple[tuple[str, str, str], ...], ranges: Ranges, record: str = ""
+         ) -> Implausibility:
     low, high = ranges[name]
     unit = "" if size.unit == "1" else f" {size.unit}"
-    of = "" if name in NUMBERS else " (median of the records)"
+    of = "" if name in NUMBERS or record else " (median of the records)"
     seen = f"{name} is {size.value:.3g}{unit}{of}, where {low:.3g} to {high:.3g}{unit} is expected"
     guesses: dict[str, dict[str, list[str]]] = {}
     for column, actual, stated in mistakes:
         guesses.setdefault(column, {}).setdefault(stated, []).append(actual)
     listed = [f"{column} " + ", or ".join(f"in {' or '.join(actual)} where {stated} is stated"
                                           for stated, actual in ways.items()) for column, ways in guesses.items()]
+    if record:
+        question = (f"its settings and its readings do not go together ({seen}); is one of them a slip?"
+                    if " over " in name else f"{seen}; is that a slip?")
+        return Implausibility(name, size.value, low, high, size.unit, (), f"Record {record}: {question}")
     remedy = f"are the values of {', or of '.join(listed)}?" if listed else (
         "are the units of all columns and the scales of the gauges right?")
     return Implausibility(name, size.value, low, high, size.unit, mistakes, f"Units: {seen}; {remedy}")
