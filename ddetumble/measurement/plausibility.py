@@ -134,10 +134,11 @@ def _measure_sizes(campaign: Campaign, ranges: Ranges) -> dict[str, dict[str, Si
     sizes: dict[str, dict[str, Size]] = {}
     kind = find_kind(campaign.family)
     for name, column in campaign.conditions.items():
-        values = campaign.records[name]
-        values = values[np.isfinite(values) & (values != 0)]  # without gas, or straight on: nothing to compare
-        if name in ranges and values.size:
-            sizes[name] = {str(key): Size(float(value), column.unit, {name: 1}) for key, value in values.items()}
+        values = zip(campaign.record_keys, campaign.records[name].to_numpy(dtype=float), strict=True)
+        # Without gas, or straight on, there is nothing to compare.
+        found = {str(key): Size(float(x), column.unit, {name: 1}) for key, x in values if np.isfinite(x) and x != 0}
+        if name in ranges and found:
+            sizes[name] = found
     for name in NUMBERS:
         known = campaign.known.get(name)
         if known is not None:
