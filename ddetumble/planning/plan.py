@@ -124,11 +124,12 @@ class Plan(AbstractPrinted):
         """What errors of the arm and of the estimate leave of the momentum, in a sentence; '' without an impact."""
         if not self.spreads:
             return ""
-        single, used = len(self.impacts) == 1, {"draws", "plan_for"}
-        worst = max(self.spreads[:-1], key=lambda one: one.mean, default=None) if single else None
+        used, every, planned = {"draws", "plan_for"}, (self.after or self.spreads)[-1], self.sequence.left
         stated = self.settings.errors.model_dump(exclude=used) != ErrorTable().model_dump(exclude=used)
-        most = NAMES[worst.error] if worst is not None and worst.mean > self.sequence.left else ""
-        return str(say("plan.erring", one=self.spreads[-1] if single else self.after[-1], stated=stated, most=most))
+        # One error is named where it alone adds more than half of what all add to the only impact.
+        alone = () if self.after else self.spreads[:-1]
+        most = [NAMES[one.error] for one in alone if one.mean - planned > 0.5 * (every.mean - planned) > 0.0]
+        return str(say("plan.erring", one=every, stated=stated, most=most[0] if len(most) == 1 else ""))
 
     def __str__(self) -> str:
         """What was found, and how sure that is."""
