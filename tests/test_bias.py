@@ -7,12 +7,15 @@ import numpy as np
 import pytest
 from helpers_statistics import PRESSURES, SPEEDS, fit_toy, make_selection
 
+import ddetumble as dd
 from ddetumble.effects.impact import SensorGain, WallStiffness
+from ddetumble.exam.cases import Exam, sample_case, write_case
 from ddetumble.measurement.units import Uncertainty
-from ddetumble.selection.bias import find_bias, fit_biases, matches_effects
+from ddetumble.selection.bias import find_bias, fit_biases, matches_effects, stand_in
 from ddetumble.selection.cross_validation import leave_out
 
 
+EXAM = Exam("slip", 94, ("one", "two", "outside"), bench="drawn")
 CONDITIONS = [(v, p) for v in SPEEDS for p in PRESSURES] * 2
 
 
@@ -134,3 +137,37 @@ def test_a_shared_error_that_the_campaign_states_is_no_rival():
 def test_no_physics_stands_beside_an_error_that_does_as_well(merits, effects, expected):
     """Effects of merit 10: a gauge's gain gives way only to a better error, physics to any that is not beaten."""
     assert matches_effects([SimpleNamespace(merit=one) for one in merits], 10.0, effects) is expected
+
+
+def fit_both(seed, truth):
+    """The toy's selection problem, and its fits with nothing, a ripple, and a ripple and a settling."""
+    selection = make_selection(seed, truth, conditions=CONDITIONS, spoil=scale("approach_speed", 0.03))
+    selection, fitted = fit_toy(dc.replace(selection, base=("gas",)))
+    models = [fitted]
+    for effect in ("ripple", "settling"):
+        more = (*models[-1].effects, effect)
+        models.append(selection.fit(more, [{}], models[-1].solution.u, None, tolerance=1e-6))
+    return selection, models
+
+
+def test_an_error_stands_for_the_last_effect_alone():
+    """Speeds 3 % off beside a ripple: no error of a setting leaves the model without the ripple unrejected; the one of
+    speeds stands for the settling in at least 7 of 8 campaigns, and for nothing where the settling is there too."""
+    found = [stand_in(*fit_both(seed, {"ripple.a": 0.5})) for seed in range(8)]
+    assert not any(whole for whole, _ in found)
+    assert sum([(one.name, one.effects) for one in part] == [("approach_speed", ("settling",))] for _, part in found) >= 7
+    for seed in range(4):
+        assert stand_in(*fit_both(seed, {"ripple.a": 0.5, "settling.a": 0.3})) == ([], [])
+
+
+@pytest.mark.slow
+def test_a_biased_load_is_no_second_effect(tmp_path):
+    """Viscous friction beside loads that all read too low, from the second simulator: that alone is named, with the
+    loads' error and what would predict worse in its place."""
+    kept = write_case(EXAM, sample_case(EXAM, 0), tmp_path)
+    found = dd.discover(tmp_path)
+    bias = kept["bench_details"]["biased-setting"]
+    assert (found.verdict, found.effects) == ("explained", ("viscous-friction",))
+    one = found.shared_error
+    assert (one.name, one.effects) == (bias["of"], ("frictional-heating",))
+    assert one.bias == pytest.approx(1.0 - 1.0 / bias["factor"], abs=3.0 * one.sd)

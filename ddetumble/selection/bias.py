@@ -27,7 +27,7 @@ class SettingBias:
     rejected: bool  # whether a misfit is left, be it one that repeats over the records where settings may scatter
     difference: float  # of the cross-validated loss from that of the model it is a rival of, and its standard error
     standard_error: float
-    effects: tuple[str, ...]  # of that model
+    effects: tuple[str, ...]  # of that model, which it may stand for
     scatter: Mapping[str, float] = dc.field(default_factory=dict)  # of settings about it over what is stated, by name
 
 
@@ -60,7 +60,8 @@ def fit_biases(selection: SelectionProblem, fitted: Fitted, rival: Fitted) -> li
         rejected = selection.disperse(biased) > 1.0 or min(chances) < selection.settings.level_each
         found.append(SettingBias(
             name, selection.settings.bias * float(at.u[-1]), selection.settings.bias * spread, biased.merit, rejected,
-            *compare_losses(loss, rival.loss, selection.groups), rival.effects,
+            *compare_losses(loss, rival.loss, selection.groups),
+            tuple(effect for effect in rival.effects if effect not in fitted.effects),
             {other: float(np.sqrt(np.mean(np.square(at.z[:, j])))) * selection.spread[other]
              for j, other in enumerate(records.nuisances) if other in selection.spread}))
     return sorted(found, key=lambda one: one.merit)
@@ -74,6 +75,21 @@ def matches_effects(biases: Sequence[SettingBias], merit: float, effects: Sequen
     """
     physics = any(effect.stage != "sensor" for effect in effects)
     return bool(biases) and (physics or biases[0].merit < merit)
+
+
+def stand_in(selection: SelectionProblem, models: Sequence[Fitted]) -> tuple[list[SettingBias], list[SettingBias]]:
+    """Errors of one setting beside each of the models before the last one that leave no misfit, and that the last one
+    does not beat: those beside the first model, and those that stand for some effects only.
+
+    Args:
+        selection: what the models were fitted to.
+        models: of a forward selection, each with the effects of the one before and more.
+    """
+    last, found = models[-1], []
+    for fitted in models[:-1]:
+        found.append([one for one in fit_biases(selection, fitted, last) if not one.rejected
+                      and not selection.settings.is_beaten(one.difference, one.standard_error)])
+    return found[0], [one for later in found[1:] for one in later]
 
 
 def find_bias(selection: SelectionProblem, fitted: Fitted) -> SettingBias | None:

@@ -20,7 +20,7 @@ from ..inference.models import ResolvedModel
 from ..measurement.campaign import Campaign, count_conditions
 from ..measurement.plausibility import check_plausibility
 from ..measurement.units import Uncertainty
-from .bias import SettingBias, find_bias, fit_biases, matches_effects
+from .bias import SettingBias, find_bias, matches_effects, stand_in
 from .describe import describe_candidates, describe_noise, describe_spread, describe_step, list_loose, make_fit
 from .discovery import Discovery
 from .forward_selection import FittedStep, Path, allow_scatter, allow_wander, extend_path, select_effects
@@ -110,11 +110,12 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
         verdict, where, steps, missing, irregular = "undecided", [], steps[:1], None, False
     biases: list[SettingBias] = []
     if len(steps) > 1 and selection.holds_out:
-        biases = [one for one in fit_biases(selection, steps[0].fitted, steps[-1].fitted) if not one.rejected
-                  and not settings.is_beaten(one.difference, one.standard_error)]
+        biases, partly = stand_in(selection, [step.fitted for step in steps])
         if matches_effects(biases, steps[-1].fitted.merit, selection.find_effects(steps[-1].fitted.effects)):
             # Where the effects leave a misfit and the bias none, nothing speaks for them.
             verdict, steps = "nothing-missing" if steps[-1].lack.rejected else "undecided", steps[:1]
+        else:
+            biases += partly
     if path.ambiguous and verdict == "nothing-missing":
         verdict, irregular = "undecided", True
     report("writing it down", 0.97)
@@ -179,28 +180,36 @@ def _select_from_clean(begin: Begin, state: Cleaned, settings: SelectionSettings
 def _allow_bias(path: Path, begin: Begin, state: Cleaned, report: Progress) -> tuple[Path, SettingBias | None]:
     """The same search with an error of one setting that all records share, where that leaves no misfit; and that error.
 
-    It is looked for beside the reference model and beside the last one, and then counts as one that the campaign
-    states, so that effects and errors are fitted together.
+    It is looked for where effects leave a misfit, beside the reference model and beside the last one, and where it
+    predicts better than the effects after the first did. It then counts as one that the campaign states, so that
+    effects and errors are fitted together.
     """
     last, settings = path.steps[-1], path.selection.settings
-    if not last.lack.rejected or not path.selection.holds_out:
+    if not path.selection.holds_out:
         return path, None
-    models = {step.fitted.effects: step.fitted for step in (path.steps[0], last)}
-    seen = next(filter(None, (find_bias(path.selection, fitted) for fitted in models.values())), None)
+    if last.lack.rejected:
+        models = {step.fitted.effects: step.fitted for step in (path.steps[0], last)}
+        seen = next(filter(None, (find_bias(path.selection, fitted) for fitted in models.values())), None)
+    else:
+        later = stand_in(path.selection, [step.fitted for step in path.steps[1:]]) if len(path.steps) > 2 else ([], [])
+        seen = min((one for ones in later for one in ones if one.merit < last.fitted.merit),
+                   key=lambda one: one.merit, default=None)
     if seen is None:
         return path, None
     report("allowing for a setting that is wrong alike in all records", 0.872)
     column = dc.replace(state.campaign.conditions[seen.name], common=Uncertainty(relative=settings.bias))
     campaign = dc.replace(state.campaign, conditions={**state.campaign.conditions, seen.name: column})
     found = allow_scatter(select_effects(*begin(campaign, state.zeros)), report)
-    last = found.steps[-1]
-    if last.lack.rejected:
+    before, last = last, found.steps[-1]
+    # An error that effects were dropped for must not bring others in.
+    if last.lack.rejected or not before.lack.rejected and len(found.steps) >= len(path.steps):
         return path, None
     solution, name = last.fitted.solution, f"{seen.name}_shift"
     place = solution.names.index(name)
     return found, dc.replace(
         seen, bias=-float(solution.u[found.selection.space.index[name]]), merit=last.fitted.merit,
-        sd=float(np.sqrt(max(solution.covariance()[place, place], 0.0))), effects=last.fitted.effects)
+        sd=float(np.sqrt(max(solution.covariance()[place, place], 0.0))),
+        effects=() if before.lack.rejected else tuple(e for e in before.fitted.effects if e not in last.fitted.effects))
 
 
 def _draw_force(path: Path, reference: Fitted, beside: Fitted, report: Progress) -> MissingForce | str:

@@ -45,7 +45,7 @@ def describe_level(error: float, noise: float, shifts: Sequence[SettingShift], h
 def _describe_bias(one: SettingBias) -> dict[str, Any]:
     """Facts of a setting that may be wrong alike in all records."""
     return {"name": describe_quantity(one.name).name, "high": one.bias > 0, "size": f"{100 * abs(one.bias):.2g} %",
-            "error": f"{100 * one.sd:.1g} %"}
+            "error": f"{100 * one.sd:.1g} %", "effects": list(one.effects)}
 
 
 def _describe_spread(one: SettingSpread) -> dict[str, Any]:
@@ -77,7 +77,9 @@ def tell_discovery(found: Discovery, family: Family, left_out: Sequence[str], un
     else:
         parts.append(_tell_verdict(found, family, folds))
         if found.biases and found.effects:
-            parts.append(say("verdict.biased", biases=[_describe_bias(one) for one in found.biases]))
+            for effects in dict.fromkeys(one.effects for one in found.biases):
+                alike = [_describe_bias(one) for one in found.biases if one.effects == effects]
+                parts.append(say("verdict.biased", biases=alike, effects=list(effects)))
         wander = [channel for channel, one in found.noise.items() if one.get("slow_sd")]
         if wander:
             parts.append(say("verdict.wandering", channels=wander, every=1 < len(wander) == len(found.noise)))
