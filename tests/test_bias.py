@@ -155,7 +155,8 @@ def test_an_error_stands_for_the_last_effect_alone():
     speeds stands for the settling in at least 7 of 8 campaigns, and for nothing where the settling is there too."""
     found = [stand_in(*fit_both(seed, {"ripple.a": 0.5})) for seed in range(8)]
     assert not any(whole for whole, _ in found)
-    assert sum([(one.name, one.effects) for one in part] == [("approach_speed", ("settling",))] for _, part in found) >= 7
+    named = [[(one.name, one.effects) for one in part] for _, part in found]
+    assert named.count([("approach_speed", ("settling",))]) >= 7
     for seed in range(4):
         assert stand_in(*fit_both(seed, {"ripple.a": 0.5, "settling.a": 0.3})) == ([], [])
 
