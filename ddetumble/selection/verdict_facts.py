@@ -59,6 +59,33 @@ def _level(step: Step, found: Discovery) -> dict[str, Any]:
     return describe_level(step.nrmse, found.noise_nrmse, step.shifts, step.held_nrmse, found.settings.level_each)
 
 
+def list_choices(found: Discovery) -> list[tuple[str, list[str]]]:
+    """Every effect that was added, and those that the campaign cannot tell from it and that are not named anyway."""
+    named = set(found.effects)
+    return [(str(step.added), sorted({str(one["effect"]) for one in step.alternatives} - named))
+            for step in found.steps[1:]]
+
+
+def _list_allowed(found: Discovery) -> dict[str, Any]:
+    """What noise and settings were taken for otherwise than stated; empty if for nothing."""
+    noise = found.noise.items()
+    uneven: dict[bool, list[str]] = {}
+    for channel, one in noise:
+        if one.get("varies"):
+            uneven.setdefault(bool(one.get("share")), []).append(channel)
+    hums: dict[tuple[str, ...], list[str]] = {}
+    for channel, one in noise:
+        if lines := tuple(sorted(f"{line['frequency']:.3g} Hz" for line in one.get("hum", ()))):
+            hums.setdefault(lines, []).append(channel)
+    wandering = [channel for channel, one in noise if one.get("slow_sd")]
+    if not (uneven or hums or wandering or found.shared_error or found.spread):
+        return {}
+    return {"uneven": [(channels, grows) for grows, channels in sorted(uneven.items())], "wandering": wandering,
+            "every": 1 < len(wandering) == len(found.noise), "hums": [(ch, list(f)) for f, ch in sorted(hums.items())],
+            "shared": _describe_bias(found.shared_error) if found.shared_error is not None else None,
+            "loose": [_describe_spread(one) for one in found.spread]}
+
+
 def tell_discovery(found: Discovery, family: Family, left_out: Sequence[str], units: bool, asked: str) -> Sentence:
     """The sentence of a verdict.
 
@@ -80,24 +107,14 @@ def tell_discovery(found: Discovery, family: Family, left_out: Sequence[str], un
             for effects in dict.fromkeys(one.effects for one in found.biases):
                 alike = [_describe_bias(one) for one in found.biases if one.effects == effects]
                 parts.append(say("verdict.biased", biases=alike, effects=list(effects)))
-        wander = [channel for channel, one in found.noise.items() if one.get("slow_sd")]
-        if wander:
-            parts.append(say("verdict.wandering", channels=wander, every=1 < len(wander) == len(found.noise)))
-        hums = {(channel, f"{line['frequency']:.3g} Hz") for channel, one in found.noise.items()
-                for line in one.get("hum", ())}
-        if hums:
-            parts.append(say("verdict.humming", channels=sorted({channel for channel, _ in hums}),
-                             frequencies=sorted({frequency for _, frequency in hums})))
-        if found.shared_error is not None:
-            parts.append(say("verdict.shared_error", bias=_describe_bias(found.shared_error)))
-        if found.spread:
-            parts.append(say("verdict.loose_settings", settings=[_describe_spread(one) for one in found.spread]))
+        if allowed := _list_allowed(found):
+            parts.append(say("verdict.allowances", **allowed))
         if found.verdict in ("improved", "unexplained") and found.where:
             view = dc.replace(family.view, longest=find_longest(first.traces))
             parts.append(say("verdict.where", place=describe_place(found.where[0], view)))
-        alike = sorted({a["effect"] for s in found.steps for a in s.alternatives})
+        alike = [one for one in list_choices(found) if one[1]]
         if alike:
-            parts.append(say("verdict.alike", effects=len(found.effects), others=alike, remedies=family.remedies))
+            parts.append(say("verdict.alike", choices=alike, remedies=family.remedies))
         elif found.verdict == "explained":
             parts.append(say("verdict.unique", folds=folds))
         needs = {effect.id: effect.requires for effect in family.catalogue}
@@ -201,10 +218,11 @@ def _tell_verdict(found: Discovery, family: Family, folds: str) -> Sentence:
     if found.verdict == "explained":
         values = [(name.split(".", 1)[1], one) for name, one in last.parameters.items()
                   if name.split(".")[0] in effects]
-        return say("verdict.explained", model=model, effects=effects, values=values,
+        return say("verdict.explained", model=model, effects=effects, choices=list_choices(found), values=values,
                    brief=len(say("words.values", parameters=values)) < BRIEF, before=before, after=_level(last, found),
                    p=p, errors=(first.heldout_nrmse, last.heldout_nrmse) if folds else None, noise=found.noise_nrmse,
                    records=records, conditions=conditions, folds=folds)
     if found.verdict == "improved":
-        return say("verdict.improved", model=model, effects=effects, before=before, after=_level(last, found))
+        return say("verdict.improved", model=model, choices=list_choices(found), before=before,
+                   after=_level(last, found))
     return say("verdict.unexplained", model=model, before=before, p=p, candidates=len(found.candidates), folds=folds)
