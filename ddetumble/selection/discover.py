@@ -23,12 +23,20 @@ from ..measurement.units import Uncertainty
 from .bias import SettingBias, find_bias, matches_effects, stand_in
 from .describe import describe_candidates, describe_noise, describe_spread, describe_step, list_loose, make_fit
 from .discovery import Discovery
-from .forward_selection import FittedStep, Path, allow_scatter, allow_wander, extend_path, select_effects
+from .forward_selection import (
+    FittedStep,
+    Path,
+    Unphysical,
+    allow_scatter,
+    allow_wander,
+    extend_path,
+    select_effects,
+)
 from .localise import fit_directions, locate
 from .missing.missing_force import describe_missing
 from .outliers import Cleaned, begin_cleaning, clean_records
 from .problem import Fitted, SelectionProblem, Zeros, fit_reference, pose_selection
-from .result import MissingForce, Place
+from .result import MissingForce, Place, Rounding
 from .rounding import find_rounding
 from .series import nrmse
 from .settings import DEFAULT, SelectionSettings
@@ -90,56 +98,30 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
             path = others[name]
         else:
             path = extend_path(path, settings.most_effects, report)
-    selection = path.selection
-    steps, beyond = path.keep_physical()
-    unphysical = (path.steps[len(steps)].fitted.effects, beyond) if beyond else None
-    verdict, where, steps, beside = _decide(selection, steps, path.visible, bool(questions))
-    missing: MissingForce | str | None = None
-    if verdict in ("improved", "unexplained"):
-        missing = _draw_force(path, steps[0].fitted, beside, report)
-    irregular = False
-    if isinstance(missing, MissingForce):
-        unrelated, judged = is_unrelated(selection, steps[-1].fitted, missing, where)
-        irregular = unrelated and (judged or verdict == "unexplained")
-        if irregular and judged:
-            verdict, where = "explained" if len(steps) > 1 else "nothing-missing", []
-        elif irregular:
-            verdict = "undecided"
-    rounding = find_rounding(selection, steps) if len(steps) > 1 else None
-    if rounding is not None:
-        verdict, where, steps, missing, irregular = "undecided", [], steps[:1], None, False
-    biases: list[SettingBias] = []
-    if len(steps) > 1 and selection.holds_out:
-        biases, partly = stand_in(selection, [step.fitted for step in steps])
-        if matches_effects(biases, steps[-1].fitted.merit, selection.find_effects(steps[-1].fitted.effects)):
-            # Where the effects leave a misfit and the bias none, nothing speaks for them.
-            verdict, steps = "nothing-missing" if steps[-1].lack.rejected else "undecided", steps[:1]
-        else:
-            biases += partly
-    if path.ambiguous and verdict == "nothing-missing":
-        verdict, irregular = "undecided", True
+    end = _conclude(path, bool(questions), report)
     report("writing it down", 0.97)
+    selection, steps, verdict = path.selection, end.steps, end.verdict
     described = [describe_step(selection, s, steps[k - 1] if k else None) for k, s in enumerate(steps)]
     candidates = describe_candidates(selection, steps, path.tried)
     last, campaign, rejected = steps[-1], selection.campaign, steps[0].lack.rejected
-    doubts = list_doubts(verdict, candidates, questions, unphysical, settings) if rejected else ()
+    doubts = list_doubts(verdict, candidates, questions, end.unphysical, settings) if rejected else ()
     rivals = [last.tried.refined[e] for e, _, _ in last.alternatives] if last.tried is not None else []
     made = (tuple(partial(make_fit, selection, step.fitted, name, verdict) for step in steps),
             tuple(partial(make_fit, selection, rival, name, verdict) for rival in rivals))
     found = Discovery(
         campaign=campaign.name, title=campaign.title, family=campaign.family, sha256=campaign.sha256, model=name,
         verdict=verdict, effects=last.fitted.effects, steps=tuple(described), candidates=tuple(candidates),
-        where=tuple(where), noise_nrmse=nrmse(described[0].traces, noise=True), noise=describe_noise(selection),
+        where=tuple(end.where), noise_nrmse=nrmse(described[0].traces, noise=True), noise=describe_noise(selection),
         sentence="", settings=settings, counts={
             "records": selection.records.count, "samples": int(selection.records.lengths.sum()),
             "conditions": count_conditions(campaign.records), "seconds": round(time.perf_counter() - began, 2)},
         faults=state.faults, doubts=doubts, references=tuple(
             _describe_reference(n, kind.models[n].text, other.steps[-1]) for n, other in others.items()),
-        spread=describe_spread(selection), irregular=irregular, biases=tuple(biases), shared_error=shared,
-        rounding=rounding,
-        missing=missing if isinstance(missing, MissingForce) and not irregular else None, made=made)
+        spread=describe_spread(selection), irregular=end.irregular, biases=tuple(end.biases), shared_error=shared,
+        rounding=end.rounding,
+        missing=end.missing if isinstance(end.missing, MissingForce) and not end.irregular else None, made=made)
     family, left_out = selection.family, selection.left_out
-    notes = list_notes(found, family, left_out, asked.name, missing if isinstance(missing, str) else "",
+    notes = list_notes(found, family, left_out, asked.name, end.missing if isinstance(end.missing, str) else "",
                        list_exact(campaign) if rejected else [], list_loose(selection, last.fitted.solution))
     return dc.replace(found, sentence=tell_discovery(found, family, left_out, bool(questions), asked.name),
                       notes=(*map(str, state.faults), *state.notes, *selection.warnings, *notes))
@@ -227,6 +209,53 @@ def _draw_force(path: Path, reference: Fitted, beside: Fitted, report: Progress)
                                 lambda text, share: report(text, 0.86 + 0.1 * share))
     except (ComputationError, InputError) as error:
         return f"The missing force could not be drawn: {error}."
+
+
+@dc.dataclass(frozen=True)
+class Conclusion:
+    """What a search comes to: the verdict, the steps that stand, and why others do not."""
+
+    verdict: str
+    steps: Sequence[FittedStep]
+    where: list[Place]
+    missing: MissingForce | str | None  # or why it was not drawn
+    unphysical: tuple[Sequence[str], Sequence[Unphysical]] | None  # effects that need values beyond what physics allows
+    irregular: bool = False  # whether what is left may be noise or settings that are not as stated
+    rounding: Rounding | None = None
+    biases: Sequence[SettingBias] = ()
+
+
+def _conclude(path: Path, questions: bool, report: Progress) -> Conclusion:
+    """The verdict on a search; effects that stand so far give way, in this order, to values beyond physics, to noise
+    that no force removes, to the digits of a gauge, and to an error of one setting that all records share."""
+    selection = path.selection
+    steps, beyond = path.keep_physical()
+    unphysical = (path.steps[len(steps)].fitted.effects, beyond) if beyond else None
+    verdict, where, steps, beside = _decide(selection, steps, path.visible, questions)
+    missing, irregular = None, False
+    if verdict in ("improved", "unexplained"):
+        missing = _draw_force(path, steps[0].fitted, beside, report)
+    if isinstance(missing, MissingForce):
+        unrelated, judged = is_unrelated(selection, steps[-1].fitted, missing, where)
+        irregular = unrelated and (judged or verdict == "unexplained")
+        if irregular and judged:
+            verdict, where = "explained" if len(steps) > 1 else "nothing-missing", []
+        elif irregular:
+            verdict = "undecided"
+    rounding = find_rounding(selection, steps) if len(steps) > 1 else None
+    if rounding is not None:
+        return Conclusion("undecided", steps[:1], [], None, unphysical, rounding=rounding)
+    biases: list[SettingBias] = []
+    if len(steps) > 1 and selection.holds_out:
+        biases, partly = stand_in(selection, [step.fitted for step in steps])
+        if matches_effects(biases, steps[-1].fitted.merit, selection.find_effects(steps[-1].fitted.effects)):
+            # Where the effects leave a misfit and the bias none, nothing speaks for them.
+            verdict, steps = "nothing-missing" if steps[-1].lack.rejected else "undecided", steps[:1]
+        else:
+            biases += partly
+    if path.ambiguous and verdict == "nothing-missing":
+        verdict, irregular = "undecided", True
+    return Conclusion(verdict, steps, where, missing, unphysical, irregular, biases=biases)
 
 
 def _decide(selection: SelectionProblem, steps: Sequence[FittedStep], visible: bool, questions: bool
