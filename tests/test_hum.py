@@ -11,7 +11,7 @@ from ddetumble.exam import Exam
 from ddetumble.exam.cases import sample_case, write_case
 from ddetumble.inference.archive import resolve_model
 from ddetumble.inference.assembly import assemble_space
-from ddetumble.inference.hum import find_hum
+from ddetumble.inference.hum import find_hum, tune_hum
 from ddetumble.inference.noise import Noise
 from ddetumble.inference.noise_estimation import has_more_hum
 from ddetumble.inference.problem import Problem
@@ -94,6 +94,36 @@ def test_a_fit_takes_the_hum_out():
     assert fitted.solution.chi2 > 3.0 * freedom
     assert abs(again.solution.chi2 / freedom - 1.0) < 4.0 * np.sqrt(2.0 / freedom)
     assert selection.restack(noise).records.nuisances[-2:] == ("sine-0:normal_force", "cosine-0:normal_force")
+
+
+@pytest.mark.parametrize("truth", [7.77, 50.0 / 6.0])
+def test_a_frequency_that_was_off_is_mended(truth):
+    """A third of a bin off, in 8 campaigns: two looks bring it to the truth within 0.02 Hz (0.7 Hz are a bin), and what
+    is left is the noise; at the truth it stays."""
+    for seed in range(8):
+        selection, fitted = fit_toy(make_selection(seed, conditions=CONDITIONS, spoil=add_sine(seed, truth, 0.15)))
+        noise = {c: n.with_hum(((truth + 0.22, 0.1),)) for c, n in selection.noise.items()}
+        for _ in range(2):
+            selection = selection.restack(noise)
+            fitted = selection.repeat(fitted)
+            noise = tune_hum(selection.campaign, selection.records, fitted.solution, noise)
+        ((frequency, rms),) = noise["normal_force"].hum
+        assert frequency == pytest.approx(truth, abs=0.02) and rms == 0.1
+        selection = selection.restack(noise)
+        fitted = selection.repeat(fitted)
+        again = tune_hum(selection.campaign, selection.records, fitted.solution, noise)
+        assert again["normal_force"].hum[0][0] == pytest.approx(frequency, abs=0.01)
+
+
+def test_the_mains_are_taken_where_they_are_near():
+    """Of 60 Hz, from 60.2 Hz, in two looks: exactly 60 (samples at 50 Hz show it as 10 Hz, and as well)."""
+    selection, fitted = fit_toy(make_selection(4, conditions=CONDITIONS, spoil=add_sine(4, 60.0, 0.15)))
+    noise = {c: n.with_hum(((60.2, 0.1),)) for c, n in selection.noise.items()}
+    for _ in range(2):
+        selection = selection.restack(noise)
+        fitted = selection.repeat(fitted)
+        noise = tune_hum(selection.campaign, selection.records, fitted.solution, noise)
+    assert noise["normal_force"].hum[0][0] == 60.0
 
 
 def test_bands_hold_the_hum():

@@ -5,13 +5,26 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers_statistics import EFFECTS, TIME, Bump, Echo, Ripple, Settling, assert_rate, fit_toy, make_selection, white
+from helpers_statistics import (
+    EFFECTS,
+    SD,
+    TIME,
+    Bump,
+    Echo,
+    Ripple,
+    Settling,
+    assert_rate,
+    fit_toy,
+    make_selection,
+    white,
+)
 from scipy import stats
 
 from ddetumble.contact.law import Ball
 from ddetumble.effects import SensorLag, SensorResonance
 from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.inference.stack import Records
+from ddetumble.selection import forward_selection
 from ddetumble.selection.cross_validation import compare_losses, forecast
 from ddetumble.selection.forward_selection import (
     FittedStep,
@@ -226,6 +239,22 @@ def test_values_beyond_physics():
     assert list_unphysical(inside.selection, inside.steps[-1].fitted.solution) == ()
     # An echo may do what a ripple may not: what helps within its limits goes first.
     assert effects_of(search(1, {"ripple.a": 3.0}))[0] == "echo"
+
+
+def test_fewer_effects_are_enough_under_another_noise(monkeypatch):
+    """A ripple and a faint settling in a noise three times as large as stated, which is only seen beside both: the ripple
+    is enough. Where it is not seen then either, both stay."""
+    size = [1.0]
+
+    def measure(campaign, records, solution, settings, before):
+        both = len(solution.names) == 5
+        return {c: dc.replace(n, sd=SD[c] * (size[0] if both else 1.0)) for c, n in before.items()}
+
+    monkeypatch.setattr(forward_selection, "measure_noise", measure)
+    for size[0], expected in ((1.0, 2), (3.0, 1)):
+        path = search(1, {"ripple.a": 1.0, "settling.a": 0.03}, effects=(Ripple, Settling), noise=3.0)
+        assert effects_of(path)[0] == "ripple" and len(effects_of(path)) == expected
+    assert path.is_explained()
 
 
 def test_a_held_shape_is_freed_where_that_predicts_better():

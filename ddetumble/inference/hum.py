@@ -12,7 +12,7 @@ from ..measurement.campaign import Campaign, group_conditions
 from . import distributions as stats
 from .noise import Noise, whitening_matrix
 from .problem import Added, Solution
-from .stack import Records, list_paces
+from .stack import COSINE, SINE, Records, list_paces
 from .variance_components import follow_conditions
 
 
@@ -37,6 +37,7 @@ class HumSettings:
     random: float = 0.01  # p-value of phases that are alike, or follow the conditions, below which they are no hum's
     peaks: int = 3  # highest peaks of the spectrum that are looked at
     most: int = 3  # sines of a channel, at most
+    off: float = 3.0  # standard errors by which a frequency that was found beside a poorer model is off before it moves
 
 
 def find_hum(campaign: Campaign, records: Records, solution: Solution, noise: Mapping[str, Noise],
@@ -62,6 +63,35 @@ def find_hum(campaign: Campaign, records: Records, solution: Solution, noise: Ma
             lines.append(line)
             known = np.concatenate([known, _whiten_sines(records, c, line[0], paces)], axis=2)
         found[channel] = noise[channel].with_hum(tuple(lines))
+    return found
+
+
+def tune_hum(campaign: Campaign, records: Records, solution: Solution, noise: Mapping[str, Noise],
+             settings: HumSettings = HumSettings()) -> dict[str, Noise]:
+    """The noise with the hum that a fit took at the frequencies that its residuals show.
+
+    Beside a poorer model a frequency may have been off. Each one goes a Gauss-Newton step on, along with parameters,
+    settings and the sines' amplitudes, where that is beyond chance; the mains are taken where they are as near.
+    """
+    found, paces, k = dict(noise), list_paces(campaign), 0
+    bin_ = 1.0 / np.median(paces * np.ptp(np.asarray(records.stack.time)[: records.count], axis=1))
+    for channel in (channel for channel in noise if channel in records.channels):
+        lines = []
+        for frequency, sd in noise[channel].hum:
+            places = [records.nuisances.index(f"{kind}-{k}:{channel}") for kind in (SINE, COSINE)]
+            sines, turned = (_whiten_sines(records, records.channels.index(channel), frequency, paces, slopes)
+                             for slopes in (False, True))
+            # What a nuisance of one deviation adds to the residual is so many times its sine.
+            size = np.sum(solution.own[:, :, places] * sines, axis=1) / np.maximum(np.sum(sines**2, axis=1), 1e-300)
+            column = np.einsum("rsk,rk->rs", turned, solution.z[:, places] * size)
+            step, error = (float(x[-1]) for x in solution.widen("frequency", column).step())
+            if settings.off * error < abs(step) < NEAR * bin_:
+                frequency += step
+                mains = min((one * max(round(frequency / one), 1) for one in MAINS), key=lambda f: abs(f - frequency))  # noqa: B023
+                frequency = mains if abs(mains - frequency) < settings.off * error else frequency
+            lines.append((frequency, sd))
+            k += 1
+        found[channel] = dc.replace(noise[channel], hum=tuple(lines))
     return found
 
 
@@ -135,13 +165,17 @@ def _average_spectrum(records: Records, solution: Solution, c: int, paces: np.nd
     return grid, sum((np.interp(grid, f, p) for f, p, *_ in spectra), np.zeros(len(grid))), 1.0 / length
 
 
-def _whiten_sines(records: Records, c: int, frequency: float, paces: np.ndarray) -> np.ndarray:
-    """Sine and cosine of a channel as columns of the whitened residual, shape (records, rows, 2)."""
+def _whiten_sines(records: Records, c: int, frequency: float, paces: np.ndarray, slopes: bool = False) -> np.ndarray:
+    """Sine and cosine of a channel as columns of the whitened residual, or their `slopes` by the frequency, shape
+    (records, rows, 2)."""
     time, weights, taps = (np.asarray(x) for x in (records.stack.time, records.stack.weights, records.stack.taps))
     size = time.shape[1]
     found = np.zeros((records.count, weights.shape[1] * size, 2))
     for r, n in enumerate(records.lengths):
-        turns = 2.0 * np.pi * frequency * paces[r] * time[r, :n]
-        found[r, c * size: c * size + n] = (whitening_matrix(weights[r, c, :n], taps[r, c, :n])
-                                            @ np.stack([np.sin(turns), np.cos(turns)], axis=1))
+        seconds = paces[r] * time[r, :n]
+        sine, cosine = np.sin(2.0 * np.pi * frequency * seconds), np.cos(2.0 * np.pi * frequency * seconds)
+        late = 2.0 * np.pi * seconds
+        columns = [late * cosine, -late * sine] if slopes else [sine, cosine]
+        whiten = whitening_matrix(weights[r, c, :n], taps[r, c, :n])
+        found[r, c * size: c * size + n] = whiten @ np.stack(columns, axis=1)
     return found

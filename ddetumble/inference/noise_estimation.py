@@ -17,7 +17,7 @@ from scipy.interpolate import BSpline
 from ..families import Span, find_family
 from ..measurement.campaign import Campaign
 from . import distributions as stats
-from .hum import HumSettings, find_hum
+from .hum import HumSettings, find_hum, tune_hum
 from .noise import Noise
 from .noise_size import Run, Sizes, SizeSettings, look_random, measure_sizes
 from .problem import Solution
@@ -101,8 +101,8 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution, sett
                   before: Mapping[str, Noise] | None = None) -> dict[str, Noise]:
     """Noise of every channel from the residuals of a fit, less what is smooth over a contact.
 
-    Baseline and hum that the fit took (`before`) stay beside it; hum that is seen for the first time comes to them, and
-    calls for another fit and another look (`has_more_hum`).
+    Baseline and hum that the fit took (`before`) stay beside it, the hum at the frequencies that its residuals show;
+    hum that is seen for the first time comes to them. Either calls for another fit and another look (`has_more_hum`).
     """
     found, family = {}, find_family(records.family)
     contact, stack = family.has_contact, records.stack
@@ -173,12 +173,14 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution, sett
             None if sizes is not None else _measure_quiet(records, c),
             measure_deviation([x if sizes is None else x / sizes.relative[r][used] for r, used, x in whole])
             if look_random(parts, settings.size) else None, own))
+    if before and any(level.hum for level in before.values()):
+        before = tune_hum(campaign, records, solution, before, settings.hum)
     found = {channel: level.with_slow_parts(before[channel]) if before else level for channel, level in found.items()}
     return find_hum(campaign, records, solution, found, settings.hum)
 
 
 def has_more_hum(before: Mapping[str, Noise], after: Mapping[str, Noise]) -> bool:
-    """Whether hum was found that was not known."""
+    """Whether hum was found that was not known, or is of another frequency than was taken."""
     return any(level.hum and (c not in before or before[c].hum != level.hum) for c, level in after.items())
 
 

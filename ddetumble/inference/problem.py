@@ -275,6 +275,22 @@ class Solution:
         variance = np.maximum(np.diagonal(inverse, axis1=1, axis2=2)[:, last], 0.0)
         return Added(gain, found, np.sqrt(variance) / size[:, 0, last])
 
+    def widen(self, name: str, column: np.ndarray, weight: float = 0.0) -> "Solution":
+        """The same with one further free parameter at 0: the derivative of the residual by it, shape (records, data
+        rows), and one over its prior standard deviation."""
+        return dc.replace(
+            self, names=(*self.names, name), u=np.append(self.u, 0.0), scales=np.append(self.scales, 1.0),
+            shared=np.concatenate([self.shared, column[:, :, None]], axis=2),
+            prior_residual=np.append(self.prior_residual, 0.0), prior_weight=np.append(self.prior_weight, weight))
+
+    def step(self) -> tuple[np.ndarray, np.ndarray]:
+        """Gauss-Newton step of the free parameters, and their standard deviations, in units of their scales."""
+        flat, right = self.flattened()
+        norms = np.maximum(np.linalg.norm(flat, axis=0), FAINT)
+        flat = flat / norms
+        step = np.linalg.lstsq(flat, -right, rcond=1e-12)[0] / norms
+        return step, np.sqrt(np.maximum(np.diag(np.linalg.pinv(flat.T @ flat, rcond=1e-12)), 0.0)) / norms
+
     def flattened(self) -> tuple[np.ndarray, np.ndarray]:
         """`projected` rows of all records with the priors below: columns, shape (rows, free), and right-hand side."""
         columns, right = self.projected()

@@ -46,11 +46,7 @@ def fit_biases(selection: SelectionProblem, fitted: Fitted, rival: Fitted) -> li
         values = np.abs(selection.campaign.records[name].to_numpy(dtype=float))
         # The true setting is the one written down x (1 - bias): by so many of its deviations.
         size = -selection.settings.bias * values / deviations[:, k]
-        column = old.own[:, :, k] * size[:, None]
-        wider = dc.replace(
-            old, names=(*old.names, f"bias:{name}"), shared=np.concatenate([old.shared, column[:, :, None]], axis=2),
-            scales=np.append(old.scales, 1.0), prior_residual=np.append(old.prior_residual, 0.0),
-            prior_weight=np.append(old.prior_weight, 1.0))
+        wider = old.widen(f"bias:{name}", old.own[:, :, k] * size[:, None], 1.0)
         at, spread = _step(wider)
         loss = leave_out(at, selection.groups)
         biased = dc.replace(fitted, solution=at, loss=loss, penalty=selection.settings.significant)
@@ -114,12 +110,9 @@ def find_bias(selection: SelectionProblem, fitted: Fitted) -> SettingBias | None
 def _step(solution: Solution) -> tuple[Solution, float]:
     """A Gauss-Newton step of a linearised fit: where it ends (its last coordinate is the step itself), and the standard
     deviation of the last parameter."""
-    flat, right = solution.flattened()
-    scale = np.maximum(np.linalg.norm(flat, axis=0), 1e-300)
-    step = np.linalg.lstsq(flat / scale, -right, rcond=1e-12)[0] / scale
-    spread = float(np.sqrt(np.linalg.pinv((flat / scale).T @ (flat / scale), rcond=1e-12)[-1, -1]) / scale[-1])
+    step, spread = solution.step()
     # With the parameters moved, every record's nuisances follow under their priors.
     change = np.stack([solution.adjust_own(r, slice(None), step) for r in range(len(solution.own))])
     moved = solution.residual + solution.shared @ step + np.einsum("grk,gk->gr", solution.own, change)
-    return dc.replace(solution, residual=moved, z=solution.z + change, u=np.append(solution.u, step[-1]),
-                      prior_residual=solution.prior_residual + solution.prior_weight * step), spread
+    return dc.replace(solution, residual=moved, z=solution.z + change, u=np.append(solution.u[:-1], step[-1]),
+                      prior_residual=solution.prior_residual + solution.prior_weight * step), float(spread[-1])

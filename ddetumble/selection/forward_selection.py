@@ -132,9 +132,14 @@ def extend_path(path: Path, most: int, report: Progress = lambda text, share: No
                 steps[k] = step.refit(selection, fitted)
             if not again:
                 break
-        if selection is not wider and not predicts_better(selection, steps[-2].fitted, steps[-1].fitted):
-            steps.pop()
-            break
+        if selection is not wider:
+            # Under that noise fewer effects may be enough; else the last one has to predict better, too.
+            enough = next((k for k, step in enumerate(steps[:-1]) if not step.lack.rejected), None)
+            if enough is not None:
+                steps = steps[: enough + 1]
+            elif not predicts_better(selection, steps[-2].fitted, steps[-1].fitted):
+                steps.pop()
+                break
     return dc.replace(path, selection=selection, steps=tuple(steps))
 
 
