@@ -242,8 +242,8 @@ def test_values_beyond_physics():
 
 
 def test_fewer_effects_are_enough_under_another_noise(monkeypatch):
-    """A ripple and a faint settling in a noise three times as large as stated, which is only seen beside both: the ripple
-    is enough. Where it is not seen then either, both stay."""
+    """A ripple and a faint settling in a noise three times as large as stated, which is only seen beside both: the
+    ripple is enough. Where it is not seen then either, both stay."""
     size = [1.0]
 
     def measure(campaign, records, solution, settings, before):
