@@ -85,9 +85,11 @@ AFTER_SCENARIO = """\
 | `impacts` | a row each: place, instant, velocity, pressure, peak, impulse, momentum and rates after, certificate |
 | `refused` | the best further impact, where it is not allowed or not worth its while |
 | `measured` | values over which the ball's fits were measured; empty for the paper's ball |
+| `misfits` | the ball's fits that leave significantly more than the noise of their own campaign; `ratio`: how much |
 | `prices` | of every impact what it would gain, in units of the goal, if a limit that holds it were looser |
 | `rules` | a straight blow and the paper's rule at the place of the first impact: what they leave |
 | `errors` | what errors of the arm and of the motion make of the first impact, each alone and all together |
+| `errors_after` | what all errors together leave after every impact of a sequence |
 | `uncertainty` | distribution of the momentum left, by model, and whether it matters which is true |
 
 An impact's vectors: `point` is in body components; `arm_velocity`, `normal`, `impulse` and `angular_momentum` are

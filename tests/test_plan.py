@@ -22,7 +22,7 @@ from ddetumble.dynamics.surfaces import make_debris
 from ddetumble.effects.oblique import TangentialCompliance
 from ddetumble.inference.archive import load
 from ddetumble.planning.constraints import CONSTRAINTS, evaluate, evaluate_slopes
-from ddetumble.planning.measured import MeasuredRange, confine, find_measured_ranges, list_extrapolations
+from ddetumble.planning.measured import MeasuredRange, confine, find_contacts, find_measured_ranges, list_extrapolations
 from ddetumble.planning.multistart import find_starts, screen
 from ddetumble.planning.plan import Plan, PlanSettings
 from ddetumble.planning.problem import (
@@ -35,7 +35,7 @@ from ddetumble.planning.problem import (
     read_design,
     span_plane,
 )
-from ddetumble.planning.scenario import find_scenario, mount_law, pose_laws, pose_problem, read_scenario
+from ddetumble.planning.scenario import ErrorTable, find_scenario, mount_law, pose_laws, pose_problem, read_scenario
 from ddetumble.planning.sequence import (
     Sequence,
     bound_impacts,
@@ -389,13 +389,14 @@ def test_what_a_friction_fit_was_measured_at():
     fits = Path(__file__).resolve().parent.parent / "fits"
     scenario = read_scenario(find_data() / "scenarios" / "paper-case-2.toml")
     ball = scenario.ball.model_copy(update={"friction_model": "friction-constants", "model": "impact-b"})
-    found = {one.quantity: one for one in find_measured_ranges(scenario.model_copy(update={"ball": ball}), fits)
+    contacts = find_contacts(scenario.model_copy(update={"ball": ball}), fits)
+    found = {one.quantity: one for one in find_measured_ranges(contacts)
              if one.fit == "friction-constants"}
     saved = load(fits / "friction-constants")
     assert found["peak_normal_force"].low == 0.0
     assert found["peak_normal_force"].high == saved.ranges["normal_load"][1]
     assert (found["initial_pressure"].low, found["initial_pressure"].high) == saved.ranges["internal_pressure"]
-    assert find_measured_ranges(scenario, fits) == ()
+    assert find_contacts(scenario, fits) == {}
 
 
 def test_what_cannot_be_done_is_said(tmp_path, capsys):
@@ -741,3 +742,44 @@ def test_a_fit_in_hand_is_what_strikes():
     assert {"approach_speed", "peak_normal_force"} <= {one.quantity for one in found.ranges}
     with pytest.raises(InputError):
         dd.plan(problem, dd.fit(find_data() / "slip-a"))
+
+
+@pytest.mark.slow
+def test_a_model_that_does_not_fit_its_own_campaign_is_told(tmp_path):
+    """A ball without what its campaign shows leaves several times the noise: the plan says so, from the fit in hand
+    and from its folder; a ball that fits says nothing."""
+    fitted = dd.fit(find_data() / "impact-c", dd.Ball())
+    ratio = fitted.fitted_model().misfit
+    assert ratio == pytest.approx(np.sqrt(fitted.chi2_reduced)) and ratio > 1.5
+    by_hand = dd.plan(pose([0.05, 0.02, 0.03], 0.2), fitted, settings=PlanSettings(starts=1, draws=4))
+    assert [(one.campaign, one.ratio) for one in by_hand.misfits] == [("impact-c", ratio)]
+    fitted.save(tmp_path / "fit")
+    assert load(tmp_path / "fit").misfit == pytest.approx(ratio)
+    (tmp_path / "case.toml").write_text("""schema = "ddetumble.plan/1"
+starts = 1
+[debris]
+angular_velocity = [0.05, 0.02, 0.03]
+[ball]
+model = "fit"
+""", encoding="utf-8")
+    found = dd.plan(tmp_path / "case.toml")
+    dd.report(found, tmp_path / "plan")
+    result = json.loads((tmp_path / "plan" / "plan.json").read_text(encoding="utf-8"))
+    (told,) = result["misfits"]
+    assert told["fit"] == "fit" and told["ratio"] == pytest.approx(ratio)
+    assert f"{ratio:.3g} times" in result["sentence"]
+    assert load(Path(__file__).resolve().parent.parent / "fits" / "impact-b").misfit is None
+
+
+@pytest.mark.slow
+def test_errors_of_arm_and_estimate_lead_the_headline():
+    """What is left on average with the errors comes before what is left without; none are drawn where all are nil."""
+    problem = pose([0.05, 0.02, 0.03], 0.2)
+    found = dd.plan(problem, settings=PlanSettings(starts=1))
+    with_errors, without = f"{100 * found.erring.mean:.2f} %", f"{100 * found.sequence.left:.2f} %"
+    headline = found.sentence.partition(". ")[0]
+    assert headline.index(with_errors) < headline.index(without) and len(headline.split()) <= 25
+    sizes = found.settings.errors.model_dump(exclude={"draws", "plan_for"})
+    nil = ErrorTable(**dict.fromkeys(sizes, 0.0), draws=8)
+    exact = dd.plan(problem, settings=PlanSettings(starts=1, errors=nil))
+    assert exact.erring is None and without in exact.sentence.partition(". ")[0]

@@ -71,6 +71,8 @@ def test_settings_that_swallow_a_misfit(tmp_path):
     result = json.loads(discovery.save(tmp_path / "found").read_text())
     told = result["steps"][0]["nuisances"]["initial_pressure"]
     assert abs(told["largest_shift"]) > 8.0 and told["record"] in discovery.steps[0].traces[0].record + told["record"]
+    # What goes on from it, a plan say, reads that from the file.
+    assert dd.load(tmp_path / "found").misfit == pytest.approx(discovery.steps[-1].nrmse / discovery.noise_nrmse)
     dd.report(discovery, tmp_path / "found")
     assert (tmp_path / "found" / "figures" / "settings.png").exists()
 

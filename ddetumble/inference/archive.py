@@ -161,6 +161,13 @@ class FittedModel:
         return np.eye(len(self.space))[columns].reshape(len(columns), len(self.space))
 
     @property
+    def misfit(self) -> float | None:
+        """RMS residual of the campaign over its noise where that is significantly more than noise leaves, by whoever
+        fitted the model; None where it is not."""
+        found = self.extra.get("misfit")
+        return None if found is None else float(found)
+
+    @property
     def are_values(self) -> bool:
         """Whether its campaign holds values alone, of which a test gives one each."""
         return set(self.channels) <= set(self.space.family.values)

@@ -1,7 +1,9 @@
-"""Which planned impacts lie outside of what the contact model was fitted to."""
+"""What the campaign of a contact model says of a plan: impacts outside of what was measured, and a model that does not
+fit it.
+"""
 
 import dataclasses as dc
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import equinox as eqx
@@ -51,17 +53,39 @@ class Extrapolation:
     measured: MeasuredRange
 
 
-def find_measured_ranges(scenario: Scenario, here: Path) -> tuple[MeasuredRange, ...]:
-    """What the campaigns covered that a scenario's contact models were fitted to; none for the paper's own ball.
+@dc.dataclass(frozen=True)
+class Misfit:
+    """A contact model that does not fit its own campaign."""
+
+    fit: str  # the folder, as the scenario names it
+    campaign: str
+    ratio: float  # RMS residual over noise
+
+
+def find_contacts(scenario: Scenario, here: Path) -> dict[str, FittedModel]:
+    """The fitted models that a scenario's contact is made from, by folder as the scenario names it; of several rivals
+    the first with the largest weight; none for the paper's own ball.
+    """
+    fit = "" if scenario.uncertainty is None else scenario.uncertainty.fit.removesuffix("/result.json")
+    return {name: max(find_models(here / name)[0], key=lambda one: one[2])[1]
+            for name in filter(None, (scenario.ball.model, scenario.ball.friction_model, fit))}
+
+
+def list_misfits(contacts: Mapping[str, FittedModel]) -> tuple[Misfit, ...]:
+    """Those of the fitted models that leave more than noise of their own campaign, each campaign and model once."""
+    return tuple(dict.fromkeys(Misfit(name, saved.campaign, saved.misfit) for name, saved in contacts.items()
+                               if saved.misfit is not None))
+
+
+def find_measured_ranges(contacts: Mapping[str, FittedModel]) -> tuple[MeasuredRange, ...]:
+    """What the campaigns covered that contact models were fitted to, which are given by what the plan calls them.
 
     Of an impact the depression and force that the fitted model reaches at the campaign's fastest approach count where
     the campaign has no such channel. Of slip records the largest load, pressure and slip speed bound those of an
     impact, which itself passes through all smaller loads and speeds.
     """
-    fit = "" if scenario.uncertainty is None else scenario.uncertainty.fit.removesuffix("/result.json")
     found: dict[tuple[str, str], MeasuredRange] = {}
-    for name in filter(None, (scenario.ball.model, scenario.ball.friction_model, fit)):
-        saved = max(find_models(here / name)[0], key=lambda one: one[2])[1]
+    for name, saved in contacts.items():
         for one in list_ranges(saved, name):
             found.setdefault((one.quantity, saved.sha256), one)
     return tuple(found.values())

@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import math
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -10,11 +11,20 @@ from .._display import AbstractPrinted, Progress
 from .._errors import InputError, error_place
 from .._sentences import say
 from ..contact.gripping import StrikeLaw
+from ..inference.archive import FittedModel
 from ..measurement.units import format_time
 from .draws import Laws, Source, draw_laws, find_models
 from .errors import NAMES
 from .execution import Spread, draw_errors, follow_errors, try_errors
-from .measured import MeasuredRange, confine, find_measured_ranges, list_ranges, warn_of_extrapolation
+from .measured import (
+    MeasuredRange,
+    Misfit,
+    confine,
+    find_contacts,
+    find_measured_ranges,
+    list_misfits,
+    warn_of_extrapolation,
+)
 from .prices import Price, price_limits
 from .problem import StrikeProblem
 from .robust import plan_robust_strike
@@ -27,7 +37,9 @@ from .uncertainty import Assessment, Prospect, assess_plan, assess_sequence
 
 # Share of the momentum that no normal force can take, from which it is told: below it nobody would miss it.
 AXIAL = 1e-3
+HOW_DRAWN = {"draws", "plan_for"}  # what of the errors is not their size
 LEAST_PRICE = 5e-4  # of the momentum, below which two plans leave the same: what the search itself leaves open
+USUAL_ERRORS = ErrorTable().model_dump(exclude=HOW_DRAWN)
 AFTERWARDS = 30.0  # s, of free motion drawn at either end, so that the motion before and after is seen
 
 
@@ -76,6 +88,7 @@ class Plan(AbstractPrinted):
         assessment: how sure the first impact is; None without draws, or without an impact.
         prospect: how sure all impacts together are; None with one impact.
         ranges: over which the contact was measured.
+        misfits: fitted models of the contact that leave more than noise of their own campaigns.
         beyond: the impacts planned without having to stay within these; None where they need not.
         prices: of every impact, what it would gain if the limits that hold it were looser; empty where impulse or time
             of the whole were minimised.
@@ -92,6 +105,7 @@ class Plan(AbstractPrinted):
     assessment: Assessment | None = None
     prospect: Prospect | None = None
     ranges: tuple[MeasuredRange, ...] = ()
+    misfits: tuple[Misfit, ...] = ()
     beyond: Sequence | None = None
     prices: tuple[tuple[Price, ...], ...] = ()
     rules: tuple[Blow, ...] = ()
@@ -112,24 +126,27 @@ class Plan(AbstractPrinted):
     def sentence(self) -> str:
         """What was found, in a few sentences."""
         found, axial = self.sequence, self.sequence.floor > AXIAL
-        told = say(
-            "plan.outcome", found=found, share=self.settings.share, worth=f"{100 * LEAST_GAIN:.0f} %",
-            last=format_time(found.instants[-1], find_end(found)) if found.instants else "", beyond=self.beyond,
-            relaxed=[(one, _round_loosely(one.needed, one.needed > one.given)) for one in found.relaxations],
-            axial=axial, sphere=axial and len(self.problem.debris.surface.find_pivots()) == 3, cheap=LEAST_PRICE)
-        warned = warn_of_extrapolation(self.ranges, self.impacts, self.problem.conditions)
-        return " ".join(filter(None, (str(told), self.tell_errors(), str(warned))))
-
-    def tell_errors(self) -> str:
-        """What errors of the arm and of the estimate leave of the momentum, in a sentence; '' without an impact."""
-        if not self.spreads:
-            return ""
-        used, every, planned = {"draws", "plan_for"}, (self.after or self.spreads)[-1], self.sequence.left
-        stated = self.settings.errors.model_dump(exclude=used) != ErrorTable().model_dump(exclude=used)
+        share, worth = self.settings.share, f"{100 * LEAST_GAIN:.0f} %"
+        erring, stated = self.erring, self.settings.errors.model_dump(exclude=HOW_DRAWN) != USUAL_ERRORS
         # One error is named where it alone adds more than half of what all add to the only impact.
-        alone = () if self.after else self.spreads[:-1]
-        most = [NAMES[one.error] for one in alone if one.mean - planned > 0.5 * (every.mean - planned) > 0.0]
-        return str(say("plan.erring", one=every, stated=stated, most=most[0] if len(most) == 1 else ""))
+        alone = () if self.after or erring is None else self.spreads[:-1]
+        most = [NAMES[one.error] for one in alone if one.mean - found.left > 0.5 * (erring.mean - found.left) > 0.0]
+        told = [
+            say("plan.headline", found=found, share=share, worth=worth, erring=erring, stated=stated),
+            say("plan.misfits", misfits=self.misfits) if self.misfits else "",
+            say("plan.outcome", found=found, share=share, worth=worth, erring=erring,
+                most=most[0] if len(most) == 1 else "", beyond=self.beyond,
+                last=format_time(found.instants[-1], find_end(found)) if found.instants else "",
+                relaxed=[(one, _round_loosely(one.needed, one.needed > one.given)) for one in found.relaxations],
+                axial=axial, sphere=axial and len(self.problem.debris.surface.find_pivots()) == 3, cheap=LEAST_PRICE),
+            warn_of_extrapolation(self.ranges, self.impacts, self.problem.conditions)]
+        return " ".join(str(one) for one in told if one)
+
+    @property
+    def erring(self) -> Spread | None:
+        """What all errors of arm and estimate together leave in the end; None where none were drawn."""
+        drawn = any(self.settings.errors.sizes().values())
+        return (self.after or self.spreads)[-1] if drawn and self.spreads else None
 
     def __str__(self) -> str:
         """What was found, and how sure that is."""
@@ -171,7 +188,7 @@ def plan(problem: StrikeProblem | Scenario | str | Path, model: Source | None = 
                              f"{type(problem).__name__}")
         path = find_scenario(problem)
         return plan_scenario(read_scenario(path), path.parent, path, progress=progress)
-    settings, laws, ranges = settings or PlanSettings(), None, ()
+    settings, laws, contacts = settings or PlanSettings(), None, {}
     if model is not None:
         saved, base = max(find_models(model)[0], key=lambda one: one[2])[1], problem.law
         if not saved.space.family.has_contact:
@@ -186,8 +203,8 @@ def plan(problem: StrikeProblem | Scenario | str | Path, model: Source | None = 
 
         laws = draw_laws(model, mount, draws=settings.draws, seed=settings.seed)
         problem = dc.replace(problem, law=laws.main)
-        ranges = tuple(list_ranges(saved, saved.campaign))
-    return _plan(problem, settings, laws, ranges, progress=progress)
+        contacts = {saved.campaign: saved}
+    return _plan(problem, settings, laws, contacts, progress=progress)
 
 
 def plan_scenario(scenario: Scenario, here: Path, path: Path | None = None, *, progress: Progress | None = None,
@@ -198,21 +215,21 @@ def plan_scenario(scenario: Scenario, here: Path, path: Path | None = None, *, p
     with error_place(file=path):
         laws = pose_laws(scenario, here)
         problem = pose_problem(scenario, here, laws)
-        ranges = find_measured_ranges(scenario, here)
+        contacts = find_contacts(scenario, here)
     goal, table = scenario.goal, scenario.uncertainty
     settings = PlanSettings(goal.impacts, goal.share, goal.least, starts=scenario.starts, seed=scenario.seed,
                             within=scenario.limits.within, chaser_mass=scenario.arm.chaser_mass,
                             errors=scenario.errors)
     if table is not None:
         settings = dc.replace(settings, plan_for=table.plan_for, tail=table.tail, draws=table.draws)
-    found = _plan(problem, dc.replace(settings, **changes), laws, ranges, progress=progress)
+    found = _plan(problem, dc.replace(settings, **changes), laws, contacts, progress=progress)
     return dc.replace(found, title=scenario.title or (path.stem if path else ""), source=path.name if path else "")
 
 
-def _plan(problem: StrikeProblem, settings: PlanSettings, laws: Laws | None, ranges: tuple[MeasuredRange, ...], *,
+def _plan(problem: StrikeProblem, settings: PlanSettings, laws: Laws | None, contacts: Mapping[str, FittedModel], *,
           progress: Progress | None) -> Plan:
     tell, how = progress or (lambda text, share: None), settings
-
+    ranges, misfits = find_measured_ranges(contacts), list_misfits(contacts)
     revise, own = None, None if how.plan_for == "best" else laws
     aim = how.errors.plan_for if own is None else how.plan_for
     if aim != "best":
@@ -240,7 +257,7 @@ def _plan(problem: StrikeProblem, settings: PlanSettings, laws: Laws | None, ran
         rules, spreads = compare_rules(problem, first), try_errors(problem, first, how.errors, how.seed)
         if len(found.impacts) > 1:
             after = follow_errors(problem, found.impacts, how.errors, how.seed)
-    return Plan(problem, how, found, laws, assessment, prospect, ranges, beyond, prices, rules, spreads, after)
+    return Plan(problem, how, found, laws, assessment, prospect, ranges, misfits, beyond, prices, rules, spreads, after)
 
 
 def find_end(sequence: Sequence) -> float:

@@ -120,8 +120,11 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
 
     def _mark(self, fit: Fit) -> FittedModel:
         """A fitted model with the verdict of this discovery."""
-        found = fit.fitted_model()
-        return dc.replace(found, extra={**found.extra, "verdict": self.verdict})
+        found, last = fit.fitted_model(), self.steps[-1]
+        is_open = (self.verdict in ("improved", "unexplained")
+                   or (self.verdict == "undecided" and last.lack_of_fit.rejected))
+        misfit = last.nrmse / self.noise_nrmse if is_open and self.noise_nrmse > 0 else None
+        return dc.replace(found, extra={**found.extra, "verdict": self.verdict, "misfit": misfit})
 
     def __str__(self) -> str:
         """The findings in at most 100 columns: the sentence, the steps, the best candidates, parameters, and where."""
