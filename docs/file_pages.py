@@ -86,6 +86,7 @@ AFTER_SCENARIO = """\
 | `refused` | the best further impact, where it is not allowed or not worth its while |
 | `measured` | values over which the ball's fits were measured; empty for the paper's ball |
 | `misfits` | the ball's fits that leave significantly more than the noise of their own campaign; `ratio`: how much |
+| `doubts` | sizes in the scenario that no debris, ball or arm is expected to have, with what is expected, SI |
 | `prices` | of every impact what it would gain, in units of the goal, if a limit that holds it were looser |
 | `rules` | a straight blow and the paper's rule at the place of the first impact: what they leave |
 | `errors` | what errors of the arm and of the motion make of the first impact, each alone and all together |

@@ -271,6 +271,15 @@ def test_result_and_page_hold_them(tmp_path):
     assert any(one["key"] == "arm.speed" and one["gain"] > 0 for one in result["prices"])
     assert len(result["rules"]) == 2 and result["errors"][-1]["error"] == "all"
     assert next(one["size"] for one in result["errors"] if one["error"] == "place") == 0.02
+    assert result["doubts"] == []
+
+
+def test_a_body_far_too_light_for_its_size_is_asked_about(tmp_path):
+    """The plan is made, and says what it doubts."""
+    path = tmp_path / "case.toml"
+    path.write_text(SCENARIO + "mass = 0.5\n[errors]\ndraws = 8\n")
+    found = dd.plan(path)
+    assert [one.variable for one in found.doubts] == ["debris.mass"] and str(found.doubts[0]) in str(found)
 
 
 def test_one_blow_is_judged_in_public(held):

@@ -7,6 +7,8 @@ import math
 import pytest
 
 import ddetumble as dd
+from ddetumble.planning.plausibility import check_scenario
+from ddetumble.planning.scenario import read_scenario
 
 
 SHIPPED = [p for p in sorted(dd.find_data().iterdir()) if (p / "datapackage.json").is_file()
@@ -95,3 +97,25 @@ def test_a_fit_tells_of_it():
     wrong = scale(campaign.select(campaign.record_keys[:4]), "initial_pressure", 10)
     sentence = str(dd.check_plausibility(wrong)[0])
     assert sentence in dd.fit(wrong, noise="stated").notes
+
+
+BODY = 'schema = "ddetumble.plan/1"\n[debris]\nangular_velocity = [0.05, 0.02, 0.03]\n'
+
+
+@pytest.mark.parametrize(("text", "keys"), [
+    ('shape = "box"\nlengths = [0.1, 0.1, 0.3]\nmass = 4.0\n', []),
+    ('shape = "box"\nlengths = [100.0, 100.0, 300.0]\nmass = 4.0\n', ["debris.lengths"]),
+    ("mass = 0.01\n", ["debris.mass"]), ("mass = 1e6\n", ["debris.mass"]),
+    ("inertia = [[1100.0, 0.0, 0.0], [0.0, 900.0, 0.0], [0.0, 0.0, 700.0]]\n", []),
+    ("inertia = [[1000.0, 0.0, 0.0], [0.0, 5.0, 0.0], [0.0, 0.0, 1000.0]]\n", ["debris.inertia"]),
+    ("[limits]\npressure = [10.0, 25.0]\n[arm]\nspeed = 200.0\n", ["limits.pressure", "arm.speed"]),
+])
+def test_sizes_that_no_scenario_has(tmp_path, text, keys):
+    """Of body, ball and arm: asked about by key, never refused."""
+    (tmp_path / "case.toml").write_text(BODY + text)
+    assert [one.variable for one in check_scenario(read_scenario(tmp_path / "case.toml"), tmp_path)] == keys
+
+
+@pytest.mark.parametrize("path", sorted((dd.find_data() / "scenarios").glob("*.toml")), ids=lambda path: path.stem)
+def test_shipped_scenarios_are_plausible(path):
+    assert check_scenario(read_scenario(path), path.parent) == ()

@@ -12,6 +12,7 @@ from .._errors import InputError, error_place
 from .._sentences import say
 from ..contact.gripping import StrikeLaw
 from ..inference.archive import FittedModel
+from ..measurement.plausibility import Implausibility
 from ..measurement.units import format_time
 from .draws import Laws, Source, draw_laws, find_models
 from .errors import NAMES
@@ -25,6 +26,7 @@ from .measured import (
     list_misfits,
     warn_of_extrapolation,
 )
+from .plausibility import check_scenario
 from .prices import Price, price_limits
 from .problem import StrikeProblem
 from .robust import plan_robust_strike
@@ -95,6 +97,7 @@ class Plan(AbstractPrinted):
         rules: what simple rules make of the place of the first impact.
         spreads: what errors of the arm and of the estimate make of the first impact, by kind, then of all together.
         after: what all errors together leave after every impact; empty with one impact.
+        doubts: sizes in the scenario that should be asked about.
         title, source: of the scenario; '' without one.
     """
 
@@ -111,6 +114,7 @@ class Plan(AbstractPrinted):
     rules: tuple[Blow, ...] = ()
     spreads: tuple[Spread, ...] = ()
     after: tuple[Spread, ...] = ()
+    doubts: tuple[Implausibility, ...] = ()
     title: str = ""
     source: str = ""
 
@@ -133,7 +137,7 @@ class Plan(AbstractPrinted):
         most = [NAMES[one.error] for one in alone if one.mean - found.left > 0.5 * (erring.mean - found.left) > 0.0]
         told = [
             say("plan.headline", found=found, share=share, worth=worth, erring=erring, stated=stated),
-            say("plan.misfits", misfits=self.misfits) if self.misfits else "",
+            say("plan.misfits", misfits=self.misfits) if self.misfits else "", *self.doubts,
             say("plan.outcome", found=found, share=share, worth=worth, erring=erring,
                 most=most[0] if len(most) == 1 else "", beyond=self.beyond,
                 last=format_time(found.instants[-1], find_end(found)) if found.instants else "",
@@ -215,7 +219,7 @@ def plan_scenario(scenario: Scenario, here: Path, path: Path | None = None, *, p
     with error_place(file=path):
         laws = pose_laws(scenario, here)
         problem = pose_problem(scenario, here, laws)
-        contacts = find_contacts(scenario, here)
+        contacts, doubts = find_contacts(scenario, here), check_scenario(scenario, here)
     goal, table = scenario.goal, scenario.uncertainty
     settings = PlanSettings(goal.impacts, goal.share, goal.least, starts=scenario.starts, seed=scenario.seed,
                             within=scenario.limits.within, chaser_mass=scenario.arm.chaser_mass,
@@ -223,7 +227,8 @@ def plan_scenario(scenario: Scenario, here: Path, path: Path | None = None, *, p
     if table is not None:
         settings = dc.replace(settings, plan_for=table.plan_for, tail=table.tail, draws=table.draws)
     found = _plan(problem, dc.replace(settings, **changes), laws, contacts, progress=progress)
-    return dc.replace(found, title=scenario.title or (path.stem if path else ""), source=path.name if path else "")
+    return dc.replace(found, doubts=doubts, title=scenario.title or (path.stem if path else ""),
+                      source=path.name if path else "")
 
 
 def _plan(problem: StrikeProblem, settings: PlanSettings, laws: Laws | None, contacts: Mapping[str, FittedModel], *,

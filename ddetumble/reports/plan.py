@@ -177,7 +177,7 @@ def write_plan(plan: Plan, folder) -> Path:
             "estimate": best.estimate, "missed": best.missed,
             "share_left": measure_share(problem, best.collision.angular_velocity),
             "constraints": best.values},
-        "measured": plan.ranges, "misfits": plan.misfits, "within": settings.within or None,
+        "measured": plan.ranges, "misfits": plan.misfits, "doubts": plan.doubts, "within": settings.within or None,
         "share_left_beyond": None if plan.beyond is None else plan.beyond.left,
         "uncertainty": None if assessment is None else {
             **vars(assessment), "plan_for": settings.plan_for, "sequence": prospect},

@@ -1,0 +1,66 @@
+"""Plausibility of a scenario: sizes that no debris, ball or arm has are asked about, never refused."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ..dynamics.surfaces import make_debris
+from ..measurement.plausibility import RANGES, Implausibility
+from .scenario import Scenario, make_body
+
+
+# From the smallest CubeSats to beyond the largest satellites, for which no scenario of one ball is meant [m].
+SIZE = (0.05, 50.0)
+DENSITY = (1.0, 2.5e4)  # from satellites with folded-out arrays, taken for one box, to solid heavy metal [kg/m³]
+# Moments of inertia over those of uniform density: all mass on the surface makes 3, masts and arrays beyond it more.
+PROPORTION = (0.05, 6.0)
+
+
+def check_scenario(scenario: Scenario, here: Path) -> tuple[Implausibility, ...]:
+    """Find implausible sizes in a scenario whose files lie in the folder `here`: of the body its size, density, moments
+    of inertia and angular velocity; of ball and arm pressure, mass and speed.
+
+    Returns:
+        What should be asked about, none where all is ordinary; of size and density, of which one follows from the
+        other, the first.
+    """
+    table, arm = scenario.debris, scenario.arm
+    body = make_body(table, here)
+    uniform = make_debris(body)
+    size = 2.0 * float(uniform.surface.reach())
+    density = float(body.mass) / float(body.volume())
+    key = {"box": "lengths", "mesh": "scale", "sphere": "radius"}.get(table.shape, "length")
+    shape = [_doubt(f"debris.{key}", "the body's largest extent", size, SIZE, "m", "is that in metres?"),
+             _doubt("debris.mass", "the mean density of the body", density, DENSITY, "kg/m³",
+                    "are its mass in kg and its shape in metres?")]
+    found = [one for one in shape if one is not None][:1]
+    if table.inertia is not None:
+        ratios = np.diag(np.asarray(table.inertia, dtype=float)) / np.diag(np.asarray(uniform.inertia))
+        worst = int(np.argmax(np.abs(np.log(np.maximum(ratios, 1e-300)))))
+        found.append(_doubt("debris.inertia", f"the moment of inertia about body {'xyz'[worst]} over that of uniform "
+                            "density", float(ratios[worst]), PROPORTION, "1",
+                            "are its axes those of the shape, and its unit kg m²?"))
+    if table.angular_velocity is not None:
+        rate = float(np.linalg.norm(np.asarray(table.angular_velocity, dtype=float)))
+        found.append(_doubt("debris.angular_velocity", "the angular velocity", rate, RANGES["angular rate"], "rad/s",
+                            "is that in rad/s?"))
+    for pressure in scenario.limits.pressure:
+        found.append(_doubt("limits.pressure", "an initial pressure", float(pressure), RANGES["initial_pressure"],
+                            "Pa", "is that absolute, and in Pa?"))
+    if arm.mass is not None:
+        found.append(_doubt("arm.mass", "the apparent mass", float(arm.mass), RANGES["moving mass"], "kg",
+                            "is that in kg?"))
+    found.append(_doubt("arm.speed", "the largest speed of the arm", float(arm.speed), RANGES["approach_speed"], "m/s",
+                        "is that in m/s?"))
+    return tuple({one.variable: one for one in reversed(found) if one is not None}.values())[::-1]
+
+
+def _doubt(key: str, what: str, value: float, limits: tuple[float, float], unit: str, question: str
+           ) -> Implausibility | None:
+    """The question about a value beyond its limits; None where it lies within them."""
+    low, high = limits
+    if low <= value <= high:
+        return None
+    shown = "" if unit == "1" else f" {unit}"
+    return Implausibility(key, value, low, high, unit, (), f"Sizes: {what} ({key}) is {value:.4g}{shown}, where "
+                          f"{low:.6g} to {high:.6g}{shown} is expected; {question}")
