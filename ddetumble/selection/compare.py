@@ -34,6 +34,9 @@ from .verdict_facts import describe_level, find_longest
 
 
 BINS = 12  # of a variable: fewer hide where a misfit begins, more are their own noise
+# Of chi-square and p-value of one model, which need not be those that `discover` gives of it.
+UNDER = ("under the noise measured from its own residuals, with all records; `discover` takes one noise for all its "
+         "models, from what the best of them leaves, and leaves faulty records out, so its p-values can differ")
 MANY = 1_000_000  # samples that are looked at: a minute or two, and 2.5 GB of memory
 
 
@@ -128,7 +131,8 @@ class Comparison(AbstractWritten):
                          f"{100 * self.noise_nrmse:.2f} % noise{predicted}.")
         if self.sequential is not None:
             parts.append(str(self.sequential))
-        parts.append("\n".join(["Noise:", *(f"  {c}: {n['sd']:.3g}, {n['text']}" for c, n in self.noise.items())]))
+        parts.append("\n".join(["Noise:", *(f"  {c}: {n['sd']:.3g}, {n['text']}" for c, n in self.noise.items()),
+                                f"The model is judged {UNDER}."]))
         return "\n\n".join(parts)
 
     def to_dict(self) -> dict[str, Any]:
@@ -216,8 +220,7 @@ class Comparisons(Sequence[Comparison], AbstractWritten):
         notes = dict.fromkeys([*self.failures, *(note for one in self.models for note in one.notes)])
         return "\n\n".join(["\n".join((self.sentence, *(f"- {note}" for note in notes))),
                             shown.to_string(index=False, float_format="{:.4g}".format),
-                            "Each model is fitted, and its chi2/dof counted, under the noise measured from its own "
-                            "residuals."])
+                            f"Each model is fitted and judged {UNDER}."])
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the fitted series, as JSON can hold it."""
@@ -316,6 +319,7 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
         bench, fitted = _take_noise(bench, fitted, saved)
     fitted = dc.replace(fitted, effects=tuple(e.id for e in resolved.effects))
     lack, _ = bench.test_lack_of_fit(fitted)
+    lack = dc.replace(lack, text=f"{lack.text}; {UNDER}")
     solution, keys = fitted.solution, bench.records.keys
     chosen = fitted
     if own is not None:  # cross-validated over what these records chose, where the model stands
