@@ -232,6 +232,26 @@ def test_units_in_headings_and_times_of_its_own(reference, tmp_path):
         assert np.allclose(np.diff(own["time"]), own["time"].iloc[1])
 
 
+def test_headings_are_those_that_import_takes(reference, tmp_path):
+    """What a laboratory calls its columns means the same; without a unit it is refused, as in `import`."""
+    path, plain = tmp_path / "conditions.csv", tmp_path / "plain.csv"
+    plain.write_text("record,initial_pressure,approach_speed,time\na,1e6,0.4,0.01\nb,2e6,0.3,0.01\n", encoding="utf-8")
+    expected = predict(reference, plain)
+    for heading in ("Versuch,Druck [MPa],Geschwindigkeit [mm/s],t [ms]", "Test,Fülldruck_MPa,v (mm/s),Time/ms"):
+        path.write_text(f"{heading}\na,1.0,400,10\nb,2.0,300,10\n", encoding="utf-8")
+        found = predict(reference, path)
+        assert list(found["record"]) == ["a", "b"]
+        np.testing.assert_allclose(found["normal_force"], expected["normal_force"])
+    for heading, column in (("Druck,v [m/s]", "Druck"), ("p0 [MPa],v0", "v0")):
+        path.write_text(f"{heading}\n1.0,0.4\n", encoding="utf-8")
+        with pytest.raises(InputError) as refused:
+            predict(reference, path)
+        assert refused.value.column == column
+    # The name itself comes first: what might also mean it is left out.
+    path.write_text("record,initial_pressure,approach_speed,time,v [m/s]\na,1e6,0.4,0.01,7\n", encoding="utf-8")
+    np.testing.assert_allclose(predict(reference, path)["normal_force"], expected["normal_force"][:1])
+
+
 @pytest.mark.slow
 def test_pulses_are_those_of_the_other_simulator(reference):
     """Peak, duration and impulse of the truth, and deviations that are those of predictions at draws of the fit."""

@@ -32,6 +32,19 @@ def guess_role(heading: str, kind: RecordKind) -> str | None:
                  if word in words.split() or word == role.replace("_", "")), None)
 
 
+def guess_condition(heading: str, kind: RecordKind) -> str | None:
+    """The same in a table of conditions, where a pressure is that of the test's begin."""
+    role = guess_role(heading, kind)
+    return (kind.pressure or None) if role == "pressure" else role
+
+
+def list_headings(name: str, kind: RecordKind) -> list[str]:
+    """Headings, without spaces, signs and units, by which `guess_condition` knows a quantity, but for its own name."""
+    words = {**_COMMON, **kind.words}
+    own = words.get(name, "").split() + (words["pressure"].split() if name == kind.pressure else [])
+    return [word for word in own if word != name.replace("_", "")]
+
+
 def is_counter(heading: str) -> bool:
     """Whether a heading names a number that only tells repeats of one condition apart."""
     word = re.sub(r"[\W_]+", "", heading).casefold()

@@ -5,7 +5,7 @@ import unicodedata
 from pathlib import Path
 
 from .._errors import InputError, error_place
-from .columns import Plan, guess_role, is_counter, name_condition, read_unit
+from .columns import Plan, guess_condition, guess_role, is_counter, name_condition, read_unit
 from .layout import RawFile
 from .recordings import read_files, split_sheet
 from .tables import Table, convert_column, read_texts
@@ -49,8 +49,7 @@ def _add_columns(plan: Plan, table: RawFile, path: Path, records: dict[str, str]
         if is_counter(column):
             plan.notes.append(f"The column {column} only counts repeats, so it is not a condition and was left out.")
             continue
-        role = guess_role(column, plan.kind)
-        role = (plan.kind.pressure or None) if role == "pressure" else role
+        role = guess_condition(column, plan.kind)
         name = role if role is not None and role in plan.kind.conditions else name_condition(column)
         unit = plan.units.get(column) or plan.units.get(name) or table.units[column]
         unit = unit or ("1" if name == "sequence" else None)

@@ -21,6 +21,8 @@ from ..inference.archive import AbstractFitted, FittedModel, load, take_fitted
 from ..inference.problem import evaluate
 from ..inference.stack import Stack, pad_shape
 from ..measurement.checks import refuse_rows
+from ..measurement.columns import guess_condition, list_headings
+from ..measurement.kinds import RecordKind
 from ..measurement.layout import split_heading
 from ..measurement.tables import Table, convert_column, read_table
 from ..measurement.units import check_unit, format_time, parse_unit, si_unit
@@ -40,6 +42,7 @@ BEYOND = 1.25  # contact times that such an impact record lasts, so that separat
 LONGEST = 12  # doublings of the campaign's record length after which an impact counts as lasting: 4096 times
 SLACK = 0.02  # of a condition's value, by which it may lie outside
 SQUEEZED = 0.5  # of the diameter: farther in, the plate would be past the centre of the undeformed ball
+SYNONYMS = 5  # of a missing column's name that are told
 MOST = 6  # notes on conditions; the rest is counted, as a longer list is not read
 FORCES = {"normal_force": ("peak_normal_force", "normal_impulse"),
           "tangential_force": ("peak_tangential_force", "tangential_impulse")}
@@ -86,14 +89,17 @@ def read_request(conditions: str | Path | pd.DataFrame, saved: FittedModel) -> R
     table = _from_frame(conditions) if isinstance(conditions, pd.DataFrame) else read_table(conditions)
     lines, family, abscissa = table.lines, saved.space.family, saved.space.family.independent
     names = name_conditions(saved)
-    headings = _name_columns(table, (*names, "record", abscissa))
+    kind = family.kind
+    headings = _name_columns(table, (*names, "record", abscissa), kind)
     timed = abscissa in headings and not saved.are_values
     if timed and "record" not in headings:
         raise InputError(f"there is no column 'record'; the file has {', '.join(table.columns)}", file=table.file)
     keys = np.array([f"r{k + 1:02d}" for k in range(len(table))], dtype=object)
     if "record" in headings:
-        keys = np.array([cell.strip() for cell in table.columns["record"]], dtype=object)
-    refuse_rows(keys == "", table, "record", "the cell is empty; every row needs the key of its record")
+        keys = np.array([cell.strip() for cell in table.columns[headings["record"][0]]], dtype=object)
+    columns = {name: heading for name, (heading, _) in headings.items()}
+    refuse_rows(keys == "", table, columns.get("record", ""), "the cell is empty; every row needs the key of its "
+                                                              "record")
     asked, values = {name for e in saved.space.effects for name in e.requires}, {}
     for name in (*names, *([abscissa] if timed else [])):
         if name == "sequence" and name not in headings and name not in asked:
@@ -101,8 +107,9 @@ def read_request(conditions: str | Path | pd.DataFrame, saved: FittedModel) -> R
             continue
         unit = {"time": "s", "slip": "m"}.get(name) or saved.units.get(name) or si_unit(name)
         if name not in headings:
-            raise InputError(f"there is no column {name!r} [{unit}], which the model needs; the file has "
-                             + ", ".join(table.columns), file=table.file)
+            others = list_headings(name, kind)[:SYNONYMS]
+            raise InputError(f"there is no column {name!r} [{unit}]" + f" (or {', '.join(others)})" * bool(others)
+                             + ", which the model needs; the file has " + ", ".join(table.columns), file=table.file)
         values[name] = own = _convert(table, headings[name], name, unit)
         remedy = "; pressures are absolute" if name == "initial_pressure" else ""
         if name in POSITIVE:
@@ -113,18 +120,18 @@ def read_request(conditions: str | Path | pd.DataFrame, saved: FittedModel) -> R
     first = records.transform("first").to_numpy()
     if timed and family.has_strokes:
         before = pd.Series(values[abscissa]).groupby(keys, sort=False).shift(fill_value=0.0).to_numpy()
-        refuse_rows(values[abscissa] < before, table, "slip", lambda row: (
+        refuse_rows(values[abscissa] < before, table, columns["slip"], lambda row: (
             f"the slip falls within record {keys[row]!r}, but counts from the start of a stroke: give each stroke a "
             "record of its own, in the order of its slip"))
     if timed and family.free_running:
-        refuse_rows(values["time"] < 0, table, "time",
+        refuse_rows(values["time"] < 0, table, columns["time"],
                     "a tumbling record begins at t = 0, with the rates given for it; times cannot be negative")
     if not timed:
-        refuse_rows(first != np.arange(len(keys)), table, "record", lambda row: (
+        refuse_rows(first != np.arange(len(keys)), table, columns.get("record", ""), lambda row: (
             f"record {keys[row]!r} is already on line {lines[first[row]]}; without times there is one row per record"))
     for name in names:
         own = values[name]
-        refuse_rows(own != own[first], table, name, lambda row: (
+        refuse_rows(own != own[first], table, columns.get(name, name), lambda row: (
             f"record {keys[row]!r} has {own[row]:g} here and {own[first[row]]:g} on line "  # noqa: B023
             f"{lines[first[row]]}, but a record has one value of each condition"))
     extra = [name for name in headings if name not in (*names, "record", abscissa)]
@@ -141,11 +148,18 @@ def _from_frame(frame: pd.DataFrame) -> Table:
     return Table("conditions", cells, np.arange(2, len(frame) + 2))
 
 
-def _name_columns(table: Table, known: tuple[str, ...]) -> dict[str, tuple[str, str | None]]:
-    """Heading and unit by name."""
+def _name_columns(table: Table, known: tuple[str, ...], kind: RecordKind) -> dict[str, tuple[str, str | None]]:
+    """Heading and unit by name; a column goes by its own name, or by what laboratories call it, as in `import`."""
     found: dict[str, tuple[str, str | None]] = {}
-    for heading in table.columns:
-        name, unit = (heading, None) if heading in known else split_heading(heading)
+    split = {heading: (heading, None) if heading in known else split_heading(heading) for heading in table.columns}
+    named = {name for name, _ in split.values()}
+    for heading, (name, unit) in split.items():
+        role = None if name in known else guess_condition(name, kind)
+        if role in known and role not in named:
+            if unit is None and role != "record" and si_unit(role) != "1":
+                raise InputError(f"the column of the {role} has no unit; write it into the heading like "
+                                 f"'{heading} [{si_unit(role)}]'", file=table.file, column=heading)
+            name = role
         if name in found:
             raise InputError(f"there are two columns of {name}: {found[name][0]!r} and {heading!r}; leave one out",
                              file=table.file, column=heading)
