@@ -189,6 +189,8 @@ def test_files_cut_off_or_of_another_kind(tmp_path, name):
         refuse(path, **UNITLESS.get(name, {}))
     path.write_text("t [s],Fz [N]\n" + "0.1,2\n" * 600)
     refuse(path)
+    path.write_bytes(b"")
+    refuse(path, "empty")
     damaged = bytearray(data)
     damaged[len(data) // 3 : len(data) // 3 + 64] = bytes(range(190, 254))
     path.write_bytes(damaged)
@@ -196,6 +198,17 @@ def test_files_cut_off_or_of_another_kind(tmp_path, name):
         dd.import_tests(path, **CONDITIONS, **UNITLESS.get(name, {}))
     except dd.InputError as error:
         assert str(path) in str(error)
+
+
+def test_tdms_that_is_cut_off_or_none(tmp_path):
+    """A first segment that ends early, wherever, and text are told in words of ours, not in the library's."""
+    path = make(tmp_path, "run.tdms")
+    data = path.read_bytes()
+    for end in (3, 10, 28, 40, 100, 300):
+        path.write_bytes(data[:end])
+        refuse(path, "cut off", "copy it again")
+    path.write_text("t [s],Fz [N]\n" + "0.1,2\n" * 600)
+    refuse(path, "no TDMS file")
 
 
 @pytest.mark.parametrize("name", FORMATS)

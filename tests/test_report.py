@@ -30,7 +30,7 @@ from ddetumble.measurement.quantities import (
     format_value,
     name_steps,
 )
-from ddetumble.reports import Picture, Section, Table, write_page, write_report
+from ddetumble.reports import Picture, Section, Table, report, write_page, write_report
 from ddetumble.reports.findings import show_failures, show_fits
 from ddetumble.selection.result import Place, Trace
 from ddetumble.selection.text import align, choose_view, describe_place
@@ -499,3 +499,14 @@ def test_text_from_slip_data_is_escaped(tmp_path):
 def test_quantities_in_friendly_units(name, value, text):
     shown = describe_quantity(name, [value])
     assert f"{shown.format(value)} {shown.unit}" == text
+
+
+def test_a_report_is_a_folder(tmp_path):
+    """The name of a file is refused before anything is written, and so is a file that is there."""
+    (tmp_path / "there").write_text("")
+    for name in ("x.csv", "page.html", "there"):
+        with pytest.raises(InputError) as refused:
+            report(make_discovery("explained"), tmp_path / name)
+        assert refused.value.file is not None
+    assert [one.name for one in tmp_path.iterdir()] == ["there"]
+    assert report(make_discovery("explained"), tmp_path / "run.1").is_file()

@@ -215,8 +215,8 @@ def _read_groups(path: Path) -> dict:
     """Rows of cells by sheet, or channels by group; whatever a library raises becomes one sentence."""
     ending = ".db3" if is_bag(path) else path.suffix.lower()
     module, library, together = _READERS[ending]
-    if not is_bag(path):
-        find_file(path)
+    if not is_bag(path) and not find_file(path).stat().st_size:
+        raise InputError("the file is empty; export the measurement again, or copy it again", file=path)
     logged = logging.root.manager.disable
     logging.disable(logging.CRITICAL)
     try:

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from .._errors import InputError
+from ..inference.files import check_folder
 from ..inference.findings import Fit
 from ..inference.joint import JointFit
 from ..inference.population import PopulationFit
@@ -16,6 +18,9 @@ from .plan import write_plan
 from .posterior import write_posterior
 
 
+# Endings of files for which a folder is mistaken.
+FILES = (".csv", ".htm", ".html", ".json", ".md", ".ods", ".pdf", ".png", ".svg", ".tex", ".toml", ".tsv", ".txt",
+         ".xlsx", ".zip")
 _WRITERS = {Discovery: write_report, Comparison: report_comparison, Comparisons: report_comparison,
             Posterior: write_posterior, Plan: write_plan, Fit: report_fit, JointFit: report_joint,
             PopulationFit: report_joint}
@@ -33,9 +38,14 @@ def report(result: Fit | JointFit | PopulationFit | Comparison | Comparisons | D
         Path of the page.
 
     Raises:
-        InputError: The folder cannot be written.
+        InputError: The folder cannot be written, or is the name of a file.
         TypeError: There is no page of such a result.
     """
+    ending = Path(folder).suffix.lower()
+    if ending in FILES:
+        raise InputError(f"report writes a folder with a page and its figures, not a {ending} file; give a name "
+                         "without an ending, or tabulate what save writes with `ddetumble export`", file=folder)
+    check_folder(folder, "report")
     for kind, write in _WRITERS.items():
         if isinstance(result, kind):
             return write(result, folder)

@@ -1,5 +1,6 @@
 """LabVIEW's TDMS: groups of channels with `unit_string` and the sampling of a waveform."""
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +10,14 @@ from ..._settings import refuse_memory
 from .channel import Channel, make_channels
 
 
+TAG = b"TDSm"  # first bytes of every segment
+LEAD_IN = struct.Struct("<4sIIQQ")  # tag, contents, version, length of the segment after this, and of its metadata
+
 def read_tdms(path: Path) -> list[Channel]:
     """Channels of all groups; those with `wf_increment` have a clock, counted from the first start in their group."""
     import nptdms
 
+    _check_start(path)
     with path.open("rb") as stream, nptdms.TdmsFile.open(stream) as file:
         if file.file_status.incomplete_final_segment:
             raise InputError("the file is cut off in its last segment; copy it again from the measuring computer")
@@ -28,3 +33,14 @@ def read_tdms(path: Path) -> list[Channel]:
                 unit = one.properties.get("unit_string")
                 found += make_channels(one.name, one[:], unit if isinstance(unit, str) else None, group.name, clock)
     return found
+
+
+def _check_start(path: Path):
+    """Refuse a file that is no TDMS file, or ends within its first segment, of which the library says little."""
+    with path.open("rb") as stream:
+        head = stream.read(LEAD_IN.size)
+    if not TAG.startswith(head[:len(TAG)]):
+        raise InputError("this is no TDMS file, whatever its name says; choose another file, or export the measurement "
+                         "again")
+    if len(head) < LEAD_IN.size or path.stat().st_size < LEAD_IN.size + LEAD_IN.unpack(head)[3]:
+        raise InputError("the file is cut off in its first segment; copy it again from the measuring computer")
