@@ -9,7 +9,6 @@ import ddetumble as dd
 from ddetumble import discover, find_data
 from ddetumble.figures import draw_error_by_step, draw_fit, draw_ranking, draw_signatures, render_png
 from ddetumble.figures.planning import draw_motion
-from ddetumble.measurement.quantities import name_steps
 from ddetumble.reports.plan import follow_plan
 
 
@@ -29,7 +28,7 @@ def main() -> None:
         models[f"with {' and '.join(found.effects)}"] = found.steps[-1].traces
     FOLDER.mkdir(exist_ok=True)
     write_picture([draw_fit(models, count=4)], FOLDER / "discovery.png")
-    steps = draw_error_by_step(name_steps(found), found.steps, found.noise_nrmse)
+    steps = draw_error_by_step(found)
     write_picture([draw_ranking(found.candidates, found.effects), steps], FOLDER / "ranking.png")
     print(found.sentence)
     planned = dd.plan(find_data() / "scenarios" / f"{SCENARIO}.toml")

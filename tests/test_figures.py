@@ -8,11 +8,12 @@ import struct
 import numpy as np
 import pytest
 
+import ddetumble as dd
 from ddetumble import figures
 from ddetumble.figures import planning
 from ddetumble.figures.style import apply_style
 from ddetumble.figures.traces import find_stretch
-from ddetumble.measurement.quantities import describe_quantity, name_steps, shorten_names, typeset
+from ddetumble.measurement.quantities import describe_quantity, shorten_names, typeset
 from ddetumble.measurement.units import format_time
 from ddetumble.reports import Picture, Section, Table, write_page
 from ddetumble.reports.page import HEADLINE, SHORTEST, begin_sentence, split_sentence
@@ -30,6 +31,19 @@ def test_traces_of_a_comparison_are_no_chains():
     for draw in (figures.draw_traces, figures.draw_fit):
         with pytest.raises(TypeError, match="{name: comparison.traces}"):
             draw(make_pulses(2))
+
+
+@pytest.mark.slow
+def test_several_comparisons_are_drawn_as_they_are():
+    """Steps and signatures take what `compare` of several models returned: its names, its records, its noise."""
+    loop = dd.compare("slip-a", "paper", dd.RubberFriction() + dd.effects.AdhesiveOffset())
+    steps = figures.draw_error_by_step(loop)
+    assert [one.get_text() for one in steps.axes[0].get_yticklabels()] == list(loop.names)
+    assert "noise floor" in str([one.get_text() for one in steps.legends[0].get_texts()])
+    by_hand = figures.draw_error_by_step(loop.models, loop.names, min(one.noise_nrmse for one in loop))
+    assert figures.render_png(steps) == figures.render_png(by_hand)
+    signatures = [figures.draw_signatures(models, "tangential_force", 2) for models in (loop, loop.traces)]
+    assert figures.render_png(signatures[0]) == figures.render_png(signatures[1])
 
 
 def make_pulses(count=24):
@@ -146,7 +160,7 @@ def test_findings_have_room(narrow):
     found = make_slip_discovery()
     last = dc.replace(found.steps[-1], added="x", effects=("pressure-dependent-restitution", "viscoelastic-wall", "x"))
     found = dc.replace(found, steps=(found.steps[0], last))
-    check_layout(figures.draw_error_by_step(name_steps(found), found.steps, found.noise_nrmse, narrow))
+    check_layout(figures.draw_error_by_step(found, narrow=narrow))
     check_layout(figures.draw_ranking(make_candidates(("adhesion",)), ("adhesion",), narrow=narrow))
     check_layout(figures.draw_parameters({"reference model": found.steps[0], LONG: last}, narrow=narrow))
 

@@ -275,6 +275,20 @@ def test_weigh_refuses(capsys):
     assert main(["average", "slip-a", "--campaign", "slip-b", "--effect", "a", "--effect", "none"]) == 2
 
 
+@pytest.mark.slow
+def test_what_is_said_of_an_effect_is_for_the_rivals_that_have_it():
+    """A prior of an effect's parameter is that of the models with the effect; of no rival's it is refused."""
+    campaign = read_campaign("data/slip-a")
+    priors = {"adhesive-offset.f_a": (0.27, 0.001), "loss_factor": (0.1, 5.0)}
+    found = average(campaign, ["adhesive-offset", "none"], priors=priors)
+    fits = {one.name: one.fit for one in found.rivals}
+    assert set(fits["adhesive-offset"].problem.priors) == {*priors}
+    assert set(fits["reference"].problem.priors) == {"loss_factor"}
+    with pytest.raises(InputError) as refused:
+        average(campaign, ["adhesive-offset", "none"], priors={"viscous-friction.c": (1.0, 1.0)})
+    assert refused.value.key == "priors"
+
+
 @pytest.fixture(scope="module")
 def fits():
     """A shipped campaign of friction with its right model, and without the effect."""

@@ -28,7 +28,6 @@ from ddetumble.measurement.quantities import (
     format_number,
     format_p,
     format_value,
-    name_steps,
 )
 from ddetumble.reports import Picture, Section, Table, report, write_page, write_report
 from ddetumble.reports.findings import show_failures, show_fits
@@ -80,7 +79,7 @@ class Page(HTMLParser):
 
 def draw_steps(discovery):
     """The error by step of a discovery."""
-    return figures.draw_error_by_step(name_steps(discovery), discovery.steps, discovery.noise_nrmse)
+    return figures.draw_error_by_step(discovery)
 
 
 def read_image(data):

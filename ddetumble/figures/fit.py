@@ -11,6 +11,7 @@ from matplotlib.ticker import MaxNLocator
 from ..measurement.campaign import Campaign
 from ..measurement.quantities import Quantity, clean, describe_conditions, describe_quantity, shorten_names, vary
 from ..measurement.units import si_unit
+from ..selection.compare import Comparisons
 from ..selection.result import Trace
 from ..selection.text import choose_view
 from .palette import AFTER, BEFORE, FLOOR, GREY, INK, KIN, MORE, PALE
@@ -162,12 +163,20 @@ def draw_values(models: Mapping[str, Sequence[Trace]], channel: str | None = Non
 
 
 @styled
-def draw_signatures(models: Mapping[str, Sequence[Trace]], channel: str, count: int = 4, narrow: bool = False):
+def draw_signatures(models: Comparisons | Mapping[str, Sequence[Trace]], channel: str, count: int = 4,
+                    narrow: bool = False):
     """Measured minus the first model, and the change that every other model, which extends it, makes to it, record by
     record; `count` records of different conditions: those with the largest change.
 
     An effect that is what is missing runs along the dots; one that merely removes a part of them has another shape.
+
+    Args:
+        models: what `compare` of several models returned, or its `traces`: the records beside each model, by its name.
+        channel: what is drawn.
+        count: of records.
     """
+    if isinstance(models, Comparisons):
+        models = models.traces
     name, *names = models
     first = pick_channel(models[name], channel)
     others = [{trace.record: trace for trace in pick_channel(models[other], channel)} for other in names]

@@ -8,8 +8,18 @@ import numpy as np
 from matplotlib.ticker import LogLocator
 
 from ..inference.findings import Fitted
-from ..measurement.quantities import clean, format_error, format_number, format_value, say_p, shorten, typeset
-from ..selection.compare import Comparison
+from ..measurement.quantities import (
+    clean,
+    format_error,
+    format_number,
+    format_value,
+    name_steps,
+    say_p,
+    shorten,
+    typeset,
+)
+from ..selection.compare import Comparison, Comparisons
+from ..selection.discovery import Discovery
 from ..selection.result import Candidate, Estimate, Step
 from ..selection.settings import DEFAULT
 from .palette import AFTER, BEFORE, FAINT, FLOOR, GREY, INK, KIN, OTHER, PALE
@@ -29,14 +39,24 @@ ADDED, ALIKE, IDLE, UNSEEN = KINDS
 
 
 @styled
-def draw_error_by_step(names: Sequence[str], steps: Sequence[Step | Comparison], floor: float, narrow: bool = False):
+def draw_error_by_step(steps: Comparisons | Discovery | Sequence[Step | Comparison], names: Sequence[str] = (),
+                       floor: float = math.nan, narrow: bool = False):
     """One row a model of the loop: its error, fitted and cross-validated, with the noise floor drawn in.
 
     Args:
-        names: of the models, in the order in which they were tried.
-        steps: of a discovery, or comparisons of models with one campaign.
-        floor: rms of the noise over that of the signal.
+        steps: what `discover`, or `compare` of several models, returned; or steps or comparisons, in the order in which
+            they were tried.
+        names: of the models; those of the result, or the effects of each, where not given.
+        floor: rms of the noise over that of the signal; the smallest that the result has, or none, where not given.
     """
+    if isinstance(steps, Discovery):
+        names, floor = names or name_steps(steps), steps.noise_nrmse if math.isnan(floor) else floor
+        steps = steps.steps
+    elif isinstance(steps, Comparisons):
+        names = names or steps.names
+        floor = min(one.noise_nrmse for one in steps) if math.isnan(floor) else floor
+        steps = steps.models
+    names = names or [" + ".join(step.effects) or "reference" for step in steps]
     figure = new_figure(1.5 + 1.1 * len(steps), NARROW) if narrow else new_figure(1.15 + 0.62 * len(steps), WIDTH)
     labels = [""] * len(steps) if narrow else [wrap_text(name, 3.0, 10) for name in names]
     axes = dress_rows(figure.add_subplot(), labels, 0.45, fontsize=10)

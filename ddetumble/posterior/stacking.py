@@ -8,7 +8,7 @@ model adds to a prediction, not how probable it is: of two that predict alike, a
 
 import dataclasses as dc
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -28,6 +28,7 @@ from ..inference.bounded import solve_bounded
 from ..inference.estimation import fit
 from ..inference.files import check_folder, list_versions, make_plain, read_json, write_json
 from ..inference.findings import AbstractRivals, Fit, summarise_fit
+from ..inference.models import resolve_effect
 from ..inference.noise import Noise
 from ..inference.problem import Problem
 from ..inference.stack import stack_records
@@ -49,6 +50,7 @@ NOTHING = 1e-4  # weights below are none: they come from the optimiser's toleran
 DRAWS = 480  # about each fit: for a sum of weights to a few per cent
 ROUNDS = 3  # in which the draws follow the posterior, at most
 GOOD = 0.5  # shape of the tail of the weights at which their variance is finite: no further round
+OF_PARAMETERS = {"free", "fixed", "priors", "bounds", "start"}  # arguments of `fit` that name parameters
 TOO_FEW = "averaging needs at least two models"
 Outcome = Literal["best", "preferred", "favoured", "indistinguishable"]
 Rivals = Sequence[str | Sequence[str | type[AbstractEffect]]]
@@ -150,7 +152,7 @@ def average(source: Campaign | str | Path | AbstractRivals | Sequence[Fit], mode
         campaign: of which a folder of `discover` speaks.
         progress: called with a sentence and the share done.
         seed: of the random numbers.
-        **fitting: further arguments of `fit`.
+        **fitting: further arguments of `fit`; what they say of a parameter of an effect is for the rivals that have it.
 
     Raises:
         InputError: The campaign cannot be fitted, two rivals are the same, there is but one, or an effect is unknown.
@@ -186,12 +188,25 @@ def average(source: Campaign | str | Path | AbstractRivals | Sequence[Fit], mode
         rivals = [split_effects(one) if isinstance(one, str) else tuple(one) for one in models]
     if len(rivals) < 2:
         raise InputError(f"{TOO_FEW}; name the effects of each, `none` for the reference model alone")
-    fits = []
+    fits, ids = [], [[(resolve_effect(e) if isinstance(e, str) else e).id for e in effects] for effects in rivals]
     for k, effects in enumerate(rivals):
-        name = name_rival([e if isinstance(e, str) else e.id for e in effects])
+        name = name_rival(ids[k])
         report(f"fitting {name}", 0.4 * k / len(rivals))
-        fits.append(fit(measured, model, effects, **fitting))
+        fits.append(fit(measured, model, effects, **_select_own(fitting, ids, k)))
     return average_fits(fits, lambda text, share: report(text, 0.4 + 0.6 * share), seed, notes)
+
+
+def _select_own(fitting: Mapping[str, Any], rivals: Sequence[Sequence[str]], k: int) -> dict[str, Any]:
+    """Arguments of `fit` for one of the rivals, given by the ids of their effects: what is said of parameters of an
+    effect that it lacks, and another has, is for that one."""
+    others = {effect for rival in rivals for effect in rival} - {*rivals[k]}
+    own = dict(fitting)
+    for option in OF_PARAMETERS & own.keys():
+        if isinstance(own[option], Mapping):
+            own[option] = {n: value for n, value in own[option].items() if n.partition(".")[0] not in others}
+        elif own[option] is not None:
+            own[option] = [n for n in own[option] if n.partition(".")[0] not in others]
+    return own
 
 
 def split_effects(text: str) -> tuple[str, ...]:

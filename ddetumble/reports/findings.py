@@ -136,7 +136,7 @@ def show_errors(labels: Sequence[tuple], steps: Sequence[Step | Comparison], flo
     picture = draw_picture(
         "error-by-step", f"Root mean square of the residual over that of the signal{loop}: for all records, and for "
         "conditions left out one after the other. The noise floor is the error of a perfect model.",
-        figures.draw_error_by_step, names, steps, min(floors),
+        figures.draw_error_by_step, steps, names, min(floors),
         alt=f"Error of {len(steps)} models against the noise floor of {format_error(min(floors))}.")
     return Section("The error, step by step", figures=[picture], tables=[table])
 

@@ -169,7 +169,7 @@ def _(bench, set_bench):
         mo.ui.table(wb.list_errors(bench), selection=None, show_column_summaries=False, show_data_types=False,
                     show_download=False, show_search=False, wrapped_columns=["done"]),
         back,
-        show(dd.figures.draw_error_by_step, [one.name for one in bench.steps], [one.errors for one in bench.steps],
+        show(dd.figures.draw_error_by_step, [one.errors for one in bench.steps], [one.name for one in bench.steps],
              bench.step.errors.noise_nrmse, alt="Error by step, fitted and cross-validated, with the noise floor."),
         say(_found.sentence if _found else bench.step.errors.sentence),
         *([show(dd.figures.draw_ranking, _found.candidates, _found.effects,
