@@ -1,5 +1,6 @@
 """The workbench: its logic as values, its Python lines run as they stand, and its page in a browser."""
 
+import dataclasses as dc
 import importlib.util
 import json
 import os
@@ -11,6 +12,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import ddetumble as dd
@@ -42,6 +44,20 @@ def test_controls_say_what_was_moved():
     asked = wb.choose([one, other], ["a"], {one.name: one.shown, other.name: 0.6}, {other.name: False})
     assert asked == wb.Choice(("a",), {"restitution": 0.6}, frozenset({"restitution"}))
     assert wb.choose([one, other], [], {one.name: None}, {}) == wb.Choice()
+
+
+@pytest.mark.parametrize(("high", "step"), [(171000.0, 500.0), (1.0, 0.005), (3.7e-5, 1e-7), (0.0, 1.0)])
+def test_a_value_shown_is_the_value_used(high, step):
+    """Positions are told apart by what is shown, and what is taken of each reads as it is shown."""
+    one = dc.replace(control(value=0.5 * high), high=high)
+    assert one.step == pytest.approx(step, rel=1e-12)
+    positions = [k * one.step for k in range(201)]
+    assert len({one.tell(place) for place in positions}) == 201
+    for place in (*positions, 1234.56789, 85850.4321):
+        told = one.tell(place)
+        taken = wb.choose([one], [], {one.name: place}, {}).moved.get(one.name, one.shown)
+        assert told == f"{one.name} = {np.format_float_positional(taken, trim='-')} N/m"
+        assert float(told.split()[2]) == taken
 
 
 @pytest.mark.parametrize("family", ["impact", "slip", "oblique", "tumble"])

@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import ddetumble as dd
 
 
@@ -104,10 +106,20 @@ class Control:
         return self.about.kind == "amplitude"
 
     @property
-    def label(self) -> str:
-        """Name and unit of what is moved."""
+    def step(self) -> float:
+        """From one position to the next, a number of one digit: a slider has two to five hundred positions, and a
+        number goes in steps of a hundredth or two of its value."""
+        wanted = (self.high - self.low) / 200 if self.slides else abs(self.shown) / 50
+        if not wanted > 0 or not math.isfinite(wanted):
+            return 1.0
+        power = 10.0 ** math.floor(math.log10(wanted))
+        return _shorten(power * max(one for one in (1.0, 2.0, 5.0) if one * power <= wanted * (1 + 1e-9)))
+
+    def tell(self, value: float | None) -> str:
+        """Name, value and unit where the control stands at `value`, with all the digits that `choose` takes of it."""
         over = "1/" if self.about.transform.reciprocal else ""
-        return f"{over}{self.name}" + (f" [{over}{self.about.unit}]" if self.about.unit else "")
+        number = np.format_float_positional(_shorten(self.shown if value is None else value), trim="-")
+        return f"{over}{self.name} = {number} {over * bool(self.about.unit)}{self.about.unit}".rstrip()
 
     def publish(self, value: float) -> float:
         """A value of the field in the parameter's public unit."""
@@ -197,9 +209,12 @@ def _shorten(value: float, digits: int = 6) -> float:
 
 def choose(controls: Iterable[Control], effects: Iterable[str], values: Mapping[str, float],
            fitted: Mapping[str, bool]) -> Choice:
-    """What the controls say, where they stand at `values` and `fitted`; what is not given stands where it was."""
+    """What the controls say, where they stand at `values` and `fitted`; what is not given stands where it was.
+
+    Of a value as many digits count as are shown.
+    """
     controls = list(controls)
-    moved = {one.name: float(values[one.name]) for one in controls
+    moved = {one.name: _shorten(float(values[one.name])) for one in controls
              if values.get(one.name) is not None and values[one.name] not in (one.value, one.shown)}
     return Choice(tuple(effects), moved,
                   frozenset(one.name for one in controls if not fitted.get(one.name, one.fitted)))

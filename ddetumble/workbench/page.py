@@ -107,9 +107,9 @@ def _(get_bench):
 def _(bench, effects):
     controls = wb.list_controls(bench, effects.value)
     values = mo.ui.dictionary({one.name: (
-        mo.ui.slider(one.low, one.high, (one.high - one.low) / 200, one.shown, debounce=True, include_input=True,
+        mo.ui.slider(one.low, one.high, one.step, one.shown, debounce=True, include_input=True,
                      full_width=True) if one.slides else
-        mo.ui.number(value=one.shown, step=abs(one.shown) / 50 or 1.0, debounce=True, full_width=True))
+        mo.ui.number(value=one.shown, step=one.step, debounce=True, full_width=True))
         for one in controls})
     fitted = mo.ui.dictionary({one.name: mo.ui.checkbox(value=one.fitted, label="fit") for one in controls})
     fit_button = mo.ui.run_button(label="Fit", kind="success")
@@ -123,8 +123,8 @@ def _(bench, controls, effects, fit_button, fitted, record, refused, trial, valu
         shown["where the controls stand"] = trial.result.traces
     _errors = bench.step.errors if trial is None else trial.result
     _laws = [say(f"{name}: {wb.list_effects(bench)[name].law}", SMALL) for name in effects.value]
-    _rows = [mo.vstack([say(one.label, SMALL), mo.hstack([values[one.name], fitted[one.name]], widths=[4, 1],
-                                                         align="center")], gap=0)
+    _rows = [mo.vstack([say(one.tell(values.value[one.name]), SMALL),
+                        mo.hstack([values[one.name], fitted[one.name]], widths=[4, 1], align="center")], gap=0)
              for one in sorted(controls, key=lambda one: "." not in one.name)]  # effects first
     _told = say(f"{'This step' if trial is None else 'Where the controls stand'}: error {100 * _errors.nrmse:.2f} %; "
                 f"noise alone makes {100 * _errors.noise_nrmse:.2f} %.", SMALL)
