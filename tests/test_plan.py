@@ -49,6 +49,7 @@ from ddetumble.planning.sequence import (
     total,
 )
 from ddetumble.planning.single import certify, plan_strike
+from ddetumble.reports.plan import follow_plan
 
 
 pytestmark = pytest.mark.slow  # one program, compiled first, is in all of them
@@ -725,6 +726,9 @@ def test_a_problem_in_hand_is_planned_as_its_scenario_is(tmp_path):
     assert by_file.settings == settings and told
     assert [one.score for one in by_hand.impacts] == [one.score for one in by_file.impacts]
     assert dd.report(by_hand, tmp_path).is_file() and by_hand.sentence in " ".join(str(by_hand).split("\n"))
+    _, momentum, nutation = follow_plan(by_hand.problem, by_hand.sequence)
+    still = np.linalg.norm(momentum, axis=1) < 1e-3 * np.linalg.norm(momentum[0])
+    assert still[-1] and np.array_equal(np.isnan(nutation), still)  # what is at rest has no nutation angle
     with pytest.raises(InputError):
         dd.plan(path, settings=settings)
 

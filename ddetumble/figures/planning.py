@@ -142,7 +142,7 @@ def draw_motion(time: np.ndarray, momentum: np.ndarray, nutation: np.ndarray, in
     Args:
         time: shape (times,) [s].
         momentum: inertial components, shape (times, 3) [N m s].
-        nutation: shape (times,) [rad].
+        nutation: shape (times,) [rad]; nan where there is none.
         instants: of the impacts [s].
     """
     along = describe_quantity("time", [float(time[-1])])

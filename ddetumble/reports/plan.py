@@ -33,7 +33,9 @@ PLACES = 120  # times drawn between two impacts: a curve looks smooth, and a pag
 # Share of the gradient left over, from which a plan is not called an optimum: 2 %, above what differences of it err by.
 ROUGH = 0.02
 SHOWN = 0.02  # share of the momentum from which an arrow of what is left can be seen: below it is shorter than its head
-ENDED = 1e-3  # share of the score before, below which nothing is left to gain: a tenth of the least gain of an impact
+# Share of score or momentum before, below which nothing is left to gain, and no direction: a tenth of the least gain of
+# an impact.
+ENDED = 1e-3
 FOUNDED = {
     "alone": "Each impact was optimised by itself from several starts, for the motion that the one before left; the "
              "sequence as a whole is not proved to be the shortest. The gradient that the binding constraints do not "
@@ -80,8 +82,12 @@ def _list_impact(number: int, instant: float, share: float, plan: StrikePlan, be
 
 
 def follow_plan(problem: StrikeProblem, sequence: Sequence) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times [s], angular momentum [N m s] and nutation angle [rad] from before the first to after the last impact."""
+    """Times [s], angular momentum [N m s] and nutation angle [rad] from before the first to after the last impact.
+
+    The angle is nan where so little momentum is left that its direction says nothing.
+    """
     inertia = problem.debris.inertia
+    least = ENDED * float(np.linalg.norm(np.asarray(inertia @ problem.angular_velocity)))
     attitude, rates, begin = problem.attitude, problem.angular_velocity, 0.0
     found: list[tuple[np.ndarray, ...]] = []
     ends = [*sequence.instants, find_end(sequence)]
@@ -89,8 +95,9 @@ def follow_plan(problem: StrikeProblem, sequence: Sequence) -> tuple[np.ndarray,
         since = np.linspace(0.0, end - begin, PLACES)
         motion = propagate_torque_free(inertia, attitude, rates, since)
         momentum = measure_momentum(inertia, motion.attitude, motion.angular_velocity)
-        nutation = measure_nutation(inertia, motion.angular_velocity)
-        found.append((begin + since, np.asarray(momentum), np.asarray(nutation)))
+        nutation = np.where(np.linalg.norm(momentum, axis=-1) > least,
+                            measure_nutation(inertia, motion.angular_velocity), np.nan)
+        found.append((begin + since, np.asarray(momentum), nutation))
         if k < len(sequence.impacts):
             after = sequence.impacts[k].collision
             attitude, rates, begin = after.attitude, after.angular_velocity, end + float(after.separation)
@@ -183,8 +190,10 @@ def write_plan(plan: Plan, folder) -> Path:
             **vars(assessment), "plan_for": settings.plan_for, "sequence": prospect},
         "version": metadata.version("ddetumble"),
     }  # fmt: skip
-    figures = [draw_picture("motion", "Angular momentum (inertial components) and nutation angle; dotted: the impacts.",
-                            draw_motion, *follow_plan(problem, sequence), sequence.instants)]
+    followed = follow_plan(problem, sequence)
+    rest = " A body that is all but at rest has no nutation angle." if np.isnan(followed[2]).any() else ""
+    figures = [draw_picture("motion", "Angular momentum (inertial components) and nutation angle; dotted: the impacts."
+                            f"{rest}", draw_motion, *followed, sequence.instants)]
     sections = [_show_problem(plan), Section("Where to strike", [
         _make_view(problem, sequence), "The body in its own frame. Blue: the angular momentum before; green: after "
         "the last impact, to the same scale, if enough is left. Orange: the impulse of each impact, with its head at "
