@@ -11,7 +11,7 @@ import pytest
 import ddetumble as dd
 from ddetumble import figures
 from ddetumble.figures import planning
-from ddetumble.figures.style import apply_style
+from ddetumble.figures.style import SpacedLocator, apply_style, new_axes
 from ddetumble.figures.traces import find_stretch
 from ddetumble.measurement.quantities import describe_quantity, shorten_names, typeset
 from ddetumble.measurement.units import format_time
@@ -153,6 +153,20 @@ def test_numbers_with_many_digits_have_room():
 
 def test_many_records_without_conditions_have_room():
     check_layout(figures.draw_record_errors({"reference model": make_hour(60), LONG: make_hour(60)}))
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.1700346, 0.1700353), (-0.064034, -0.064031), (1.0, 1.0 + 3e-9),
+                                           (0.7, 0.75)])
+@pytest.mark.parametrize("width", [1.5, 3.0, 6.0])
+def test_numbers_of_a_narrow_range_have_room(low, high, width):
+    """However long they are: none touches the next, and at least one is there."""
+    with apply_style():
+        figure, axes = new_axes(1.0, width, xlim=(low, high))
+        axes.xaxis.set_major_locator(SpacedLocator())
+        figures.render_png(figure)
+        spans = [one.get_window_extent() for one in axes.get_xticklabels()
+                 if low <= one.get_position()[0] <= high and one.get_text()]
+    assert spans and all(one.x1 < other.x0 for one, other in itertools.pairwise(spans))
 
 
 @pytest.mark.parametrize("narrow", [False, True])

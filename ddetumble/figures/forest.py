@@ -5,7 +5,18 @@ from collections.abc import Mapping
 
 from ..measurement.quantities import clean
 from .palette import AFTER, INK
-from .style import NARROW, WIDTH, dress_rows, head_figure, key_band, key_dot, new_figure, styled, wrap_text
+from .style import (
+    NARROW,
+    WIDTH,
+    SpacedLocator,
+    dress_rows,
+    head_figure,
+    key_band,
+    key_dot,
+    new_figure,
+    styled,
+    wrap_text,
+)
 
 
 COLUMNS = 3  # panels side by side
@@ -34,7 +45,7 @@ def draw_forest(intervals: Mapping[str, Mapping[str, tuple[float, float, float]]
                 axes.plot(value, row, "o", color=colour, ms=5)
                 if row == len(own) - 1:
                     axes.axvspan(low, high, color=AFTER, alpha=0.12, lw=0)
-        axes.locator_params(axis="x", nbins=4)
+        axes.xaxis.set_major_locator(SpacedLocator(4))
         axes.set_title(wrap_text(clean(name, 60), width / columns - 0.5))
     for axes in panels[len(intervals):]:
         axes.set_visible(False)

@@ -18,6 +18,7 @@ from .palette import AFTER, BEFORE, FLOOR, GREY, INK, KIN, PALE, SHADES
 from .style import (
     STEPS,
     WIDTH,
+    SpacedLocator,
     dress,
     dress_rows,
     head_figure,
@@ -61,7 +62,10 @@ def draw_corner(posterior: Posterior):
             axes.set_axis_off()
             continue
         dress(axes, "", xlim=spans[column])
-        _set_ticks(axes.xaxis, ticks)
+        if count <= 3:  # the numbers lie
+            axes.xaxis.set_major_locator(SpacedLocator(ticks, prune="both" if ticks < 4 else None))
+        else:
+            _set_ticks(axes.xaxis, ticks)
         lowest = row == count - 1
         if row == column:
             edges = np.linspace(spans[row][0], spans[row][1], 33)

@@ -23,7 +23,18 @@ from ..selection.discovery import Discovery
 from ..selection.result import Candidate, Estimate, Step
 from ..selection.settings import DEFAULT
 from .palette import AFTER, BEFORE, FAINT, FLOOR, GREY, INK, KIN, OTHER, PALE
-from .style import NARROW, WIDTH, dress_rows, head_figure, key_band, key_dot, new_figure, styled, wrap_text
+from .style import (
+    NARROW,
+    WIDTH,
+    SpacedLocator,
+    dress_rows,
+    head_figure,
+    key_band,
+    key_dot,
+    new_figure,
+    styled,
+    wrap_text,
+)
 
 
 CHANCE = 0.05  # p-value from which what an effect removes may be chance: the usual 5 %
@@ -203,6 +214,7 @@ def draw_parameters(steps: Mapping[str, Any], count: int = 8, narrow: bool = Fal
         if drawn:
             pad = 0.12 * (max(drawn) - min(drawn)) or 1.0
             axes.set_xlim(min(drawn) - pad, max(drawn) + pad)
+            axes.xaxis.set_major_locator(SpacedLocator())
         if scale != 1.0:
             axes.set_xlabel(typeset(f"× {scale:.0e}"), loc="right", fontsize=8.5, labelpad=0)
         if narrow:

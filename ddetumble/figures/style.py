@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
 
 from .palette import AFTER, BEFORE, FAINT, FLOOR, GREY, INK, MORE
 
@@ -170,6 +171,31 @@ def name_ticks(axes, labels: Sequence[str], width: float, size: float = 8.5):
     upright = max(map(len, labels), default=0) * _EM * size > 0.95 * each
     every = max(1, math.ceil(1.25 * size / each)) if upright else 1
     axes.set_xticks(range(0, len(labels), every), labels[::every], rotation=90 if upright else 0, fontsize=size)
+
+
+class SpacedLocator(MaxNLocator):
+    """Places of as many numbers along an x axis, at most so many, as have room beside each other where it is drawn: of
+    a narrow range far from zero they are long, and fewer; where not even two have room, one stands alone.
+    """
+
+    def __init__(self, most: int = 6, **options):
+        super().__init__(most, steps=STEPS, **options)
+        self.most = most
+
+    def tick_values(self, vmin: float, vmax: float) -> np.ndarray:
+        """As of any locator of matplotlib."""
+        axis: Any = self.axis
+        room = count_characters(axis.axes.bbox.width / axis.axes.figure.dpi, axis.majorTicks[0].label1.get_fontsize())
+        places = np.zeros(0)
+        for count in range(self.most, 0, -1):
+            self.set_params(nbins=count)
+            places = np.asarray(super().tick_values(vmin, vmax))
+            inside = places[(places >= min(vmin, vmax)) & (places <= max(vmin, vmax))]
+            each = max(map(len, axis.get_major_formatter().format_ticks(inside)), default=0) + 1.5
+            # From the middle of the first to that of the last.
+            if len(inside) < 2 or (len(inside) - 1) * each <= room * np.ptp(inside) / abs(vmax - vmin):
+                return places
+        return places[len(places) // 2: len(places) // 2 + 1]
 
 
 def render_image(figure, dpi: int = 160) -> "Pixels":
