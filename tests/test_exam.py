@@ -26,10 +26,11 @@ from ddetumble.exam.cases import (
     WEAKEST,
     Exam,
     find_kind,
+    name_truth,
     sample_case,
     write_case,
 )
-from ddetumble.exam.examination import examine, name_truth
+from ddetumble.exam.examination import examine
 from ddetumble.exam.faults import FAULTS
 from ddetumble.exam.scorecard import write_scorecard
 from ddetumble.exam.simulators.campaigns import order_tests, write_package

@@ -9,7 +9,8 @@ from scipy import stats
 
 import ddetumble as dd
 from ddetumble.cli import main
-from ddetumble.exam.rehearsal import Prepared, Rehearsal, hide_effects, measure_plan, prepare_plan, rehearse
+from ddetumble.exam.examination import examine
+from ddetumble.exam.rehearsal import Prepared, Rehearsal, hide_effects, measure_plan, prepare_plan
 from ddetumble.exam.scoring import is_right
 
 
@@ -77,9 +78,9 @@ def test_strength_is_what_a_refit_leaves(bench, seed):
 
 @pytest.mark.slow
 def test_a_rehearsal_goes_on_and_repeats_itself(asked, tmp_path):
-    rows = rehearse(asked, range(2), tmp_path / "a", workers=1)
-    rows = rehearse(asked, range(4), tmp_path / "a", workers=1, keep=True)
-    alone, = rehearse(asked, [3], tmp_path / "b", workers=1)
+    rows = examine(asked, range(2), tmp_path / "a", workers=1)
+    rows = examine(asked, range(4), tmp_path / "a", workers=1, keep=True)
+    alone, = examine(asked, [3], tmp_path / "b", workers=1)
     assert [row["kind"] for row in rows] == ["nothing", "one", "nothing", "one"]
     assert {k: v for k, v in rows[3].items() if "seconds" not in k} == {
         k: v for k, v in alone.items() if "seconds" not in k}

@@ -1,6 +1,5 @@
 """Commands about the toolkit itself: `exam` puts it to the test, `cache` and `trust` keep what it stores."""
 
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -77,14 +76,12 @@ def sit_exam(
         asked = _read_rehearsal(plan, kinds, seed=seed, model=model, effects_from=effects_from, channels=channel,
                                 uncertainties=uncertainty, values=value, length=length, interval=interval)
     from ..exam.examination import ANSWERS, QUESTIONS, examine
-    from ..exam.rehearsal import rehearse
     from ..exam.scorecard import PAGE, write_scorecard
 
     with (open_folder(output, "exam", overwrite, resumes=(QUESTIONS, ANSWERS, "kept"), progress=ANSWERS) as out,
           show_progress(asked.title) as report):
-        run = partial(examine, asked) if isinstance(asked, Exam) else partial(rehearse, asked)
-        rows = run(range(first, first + cases), out.path, workers=workers, scheduler=scheduler, keep=keep,
-                   progress=report)
+        rows = examine(asked, range(first, first + cases), out.path, workers=workers, scheduler=scheduler, keep=keep,
+                       progress=report)
         card = write_scorecard(asked, rows, out.draft)
     typer.echo(card["sentence"])
     for one in card["failures"][:10]:

@@ -3,7 +3,6 @@
 from .cases import Exam as Exam
 from .examination import examine as examine
 from .rehearsal import Rehearsal as Rehearsal
-from .rehearsal import rehearse as rehearse
 from .scorecard import write_scorecard as write_scorecard
 
 __all__: list[str]

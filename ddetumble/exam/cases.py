@@ -1,14 +1,17 @@
-"""Cases of an exam: every one sampled from the exam's seed and its own number alone."""
+"""Cases of an exam: every one sampled from the exam's seed and its own number alone, simulated, and answered."""
 
 import dataclasses as dc
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from .._errors import InputError
+from ..selection.discovery import Discovery
 from .faults import FAULTS
 from .simulators.benches import BENCHES, perturb
 from .simulators.campaigns import write_package
@@ -104,6 +107,11 @@ class Exam:
             value = getattr(self, option)
             text += f" --{option} {value}" if value != usual else ""
         return text
+
+    def draw(self, case: "Case | int") -> tuple[dict[str, Any], Callable[[Path], Iterator[dict[str, Any]]]]:
+        """Fields of the row of a case, or of the case of that number, and what answers it in a folder."""
+        case = sample_case(self, case) if isinstance(case, int) else case
+        return dc.asdict(case), partial(answer_case, self, case)
 
     def to_dict(self) -> dict[str, Any]:
         """Its fields as files keep them; `bench` and `tests`, which came later, only where they are not as before."""
@@ -245,3 +253,57 @@ def write_case(exam: Exam, case: Case, folder: Path) -> dict[str, Any]:
     write_package(folder, campaign)
     told = {effect for kind, one in disturbed.items() for effect in family.same.get(one.get("of", kind), ())}
     return {"fault_details": done, "bench_details": disturbed, "told": sorted(told)}
+
+
+def answer_case(exam: Exam, case: Case, folder: Path) -> Iterator[dict[str, Any]]:
+    """Further fields of a row as they come: what was written, and what `discover` says of that, which is all it sees,
+    beside the truth.
+    """
+    from ..selection.discover import discover
+
+    yield write_case(exam, case, folder / "campaign")
+    found = discover(folder / "campaign")
+    found.save(folder / "discovery")
+    yield mark_discovery(found, name_truth(case.setting["base"], case.effects)) | {
+        "heldout_over_noise": predict_heldout(exam, case, folder / "discovery")}
+
+
+def mark_discovery(found: Discovery, truth: Mapping[str, float]) -> dict[str, Any]:
+    """What a row keeps of a discovery, beside the true parameters by the names that results use."""
+    first, last = found.steps[0].lack_of_fit, found.steps[-1]
+    return {
+        "verdict": found.verdict, "found": list(found.effects),
+        "sets": [[str(s.added), *(str(a["effect"]) for a in s.alternatives)] for s in found.steps[1:]],
+        "p_values": [first.smooth_p_value, first.score_p_value, last.lack_of_fit.smooth_p_value,
+                     last.lack_of_fit.score_p_value],
+        "intervals": {name: [truth[name], e.estimate, e.q025, e.q975] for name, e in last.parameters.items()
+                      if name in truth},
+        "claimed_over_noise": last.heldout_nrmse / max(found.noise_nrmse, 1e-300), "sentence": found.sentence,
+        "records": int(found.counts["records"]),
+        "allowed": list(found.allowances),
+        "reported": [{"kind": f.kind, "records": list(f.records), "left_out": f.left_out} for f in found.faults],
+    }  # fmt: skip
+
+
+def name_truth(base: Mapping[str, float], effects: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
+    """True parameters by the names that results use: `wall-stiffness.k_w`, `gyro-bias.bias.0`."""
+    truth = dict(base)
+    for effect, values in effects.items():
+        for symbol, value in values.items():
+            if isinstance(value, (list, tuple)):
+                truth |= {f"{effect}.{symbol}.{k}": float(x) for k, x in enumerate(value)}
+            else:
+                truth[f"{effect}.{symbol}"] = float(value)
+    return truth
+
+
+def predict_heldout(exam: Exam, case: Case, model: Path) -> float:
+    """rms over noise of the grown model's predictions against noise-free tests at conditions that it has not seen."""
+    from ..selection.predict import predict
+
+    family, tests = exam.generator, exam.generator.hold_out(case.effects, case.setting)
+    table = predict(model, pd.concat([pd.DataFrame({"record": f"h{k}", **test.conditions, family.along: test.along})
+                                      for k, test in enumerate(tests)], ignore_index=True))
+    truth = np.concatenate([test.readings for test in tests])
+    gaps = (table[list(family.channels)].to_numpy() - truth) / np.array(list(family.channels.values()))
+    return float(np.sqrt(np.nanmean(np.square(gaps))))

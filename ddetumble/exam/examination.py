@@ -3,7 +3,6 @@
 `exam.json` in the folder says what is asked, `cases.jsonl` holds a line a case.
 """
 
-import dataclasses as dc
 import json
 import os
 import tempfile
@@ -13,14 +12,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import pandas as pd
-
 from .._display import Progress
 from .._errors import InputError
 from ..inference.files import claim_folder, hold_folder, list_versions, make_plain, write_json, write_whole
-from ..selection.discovery import Discovery
-from .cases import Case, Exam, sample_case, write_case
+from .cases import Exam
+from .rehearsal import Rehearsal, prepare_plan
 from .running import run_all
 from .scoring import describe_failure
 
@@ -28,11 +24,11 @@ from .scoring import describe_failure
 QUESTIONS, ANSWERS = "exam.json", "cases.jsonl"
 
 
-def run_case(exam: Exam, case: Case | int, keep: Path | None = None) -> dict[str, Any]:
+def run_case(asked: Exam | Rehearsal, case: Any, keep: Path | None = None) -> dict[str, Any]:
     """One row of an exam: the case, what `discover` said of it, and how far it was from the truth.
 
     Args:
-        exam: what is drawn from.
+        asked: the exam, or the rehearsal.
         case: the case, or its number.
         keep: folder in which campaign, discovery and `truth.json` stay in one of the case's own; nothing stays if not
             given.
@@ -41,14 +37,14 @@ def run_case(exam: Exam, case: Case | int, keep: Path | None = None) -> dict[str
         Plain numbers, text and lists. What fails in a case is told in its `error`, and the exam goes on.
     """
     began, spent = time.perf_counter(), time.process_time()
-    case = sample_case(exam, case) if isinstance(case, int) else case
+    row, answer = asked.draw(case)
     drawn = time.perf_counter()
-    row = dc.asdict(case)
     with tempfile.TemporaryDirectory(prefix="ddetumble-exam-") as draft:
-        folder = Path(draft) if keep is None else keep / f"case-{case.index:04d}"
+        folder = Path(draft) if keep is None else keep / f"case-{row['index']:04d}"
         try:
-            row |= write_case(exam, case, folder / "campaign")
-            row |= judge_case(exam, case, folder) | {"error": None}
+            for part in answer(folder):
+                row |= part
+            row["error"] = None
         except InputError as error:  # discover says that such data can tell nothing
             row |= {"verdict": "refused", "error": str(error)[:600]}
         except Exception as error:  # whatever it is, it is this case's failure and no reason to lose the others
@@ -60,68 +56,17 @@ def run_case(exam: Exam, case: Case | int, keep: Path | None = None) -> dict[str
     return row
 
 
-def judge_case(exam: Exam, case: Case, folder: Path) -> dict[str, Any]:
-    """What `discover` says of the campaign in `folder`, which is all that it sees, beside the truth."""
-    from ..selection.discover import discover
-
-    found = discover(folder / "campaign")
-    found.save(folder / "discovery")
-    return mark_discovery(found, name_truth(case.setting["base"], case.effects)) | {
-        "heldout_over_noise": predict_heldout(exam, case, folder / "discovery")}
-
-
-def mark_discovery(found: Discovery, truth: Mapping[str, float]) -> dict[str, Any]:
-    """What a row keeps of a discovery, beside the true parameters by the names that results use."""
-    first, last = found.steps[0].lack_of_fit, found.steps[-1]
-    return {
-        "verdict": found.verdict, "found": list(found.effects),
-        "sets": [[str(s.added), *(str(a["effect"]) for a in s.alternatives)] for s in found.steps[1:]],
-        "p_values": [first.smooth_p_value, first.score_p_value, last.lack_of_fit.smooth_p_value,
-                     last.lack_of_fit.score_p_value],
-        "intervals": {name: [truth[name], e.estimate, e.q025, e.q975] for name, e in last.parameters.items()
-                      if name in truth},
-        "claimed_over_noise": last.heldout_nrmse / max(found.noise_nrmse, 1e-300), "sentence": found.sentence,
-        "records": int(found.counts["records"]),
-        "allowed": list(found.allowances),
-        "reported": [{"kind": f.kind, "records": list(f.records), "left_out": f.left_out} for f in found.faults],
-    }  # fmt: skip
-
-
-def name_truth(base: Mapping[str, float], effects: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
-    """True parameters by the names that results use: `wall-stiffness.k_w`, `gyro-bias.bias.0`."""
-    truth = dict(base)
-    for effect, values in effects.items():
-        for symbol, value in values.items():
-            if isinstance(value, (list, tuple)):
-                truth |= {f"{effect}.{symbol}.{k}": float(x) for k, x in enumerate(value)}
-            else:
-                truth[f"{effect}.{symbol}"] = float(value)
-    return truth
-
-
-def predict_heldout(exam: Exam, case: Case, model: Path) -> float:
-    """rms over noise of the grown model's predictions against noise-free tests at conditions that it has not seen."""
-    from ..selection.predict import predict
-
-    family, tests = exam.generator, exam.generator.hold_out(case.effects, case.setting)
-    table = predict(model, pd.concat([pd.DataFrame({"record": f"h{k}", **test.conditions, family.along: test.along})
-                                      for k, test in enumerate(tests)], ignore_index=True))
-    truth = np.concatenate([test.readings for test in tests])
-    gaps = (table[list(family.channels)].to_numpy() - truth) / np.array(list(family.channels.values()))
-    return float(np.sqrt(np.nanmean(np.square(gaps))))
-
-
-def examine(exam: Any, cases: Sequence[int], folder: Path | str, *, workers: int | None = None,
+def examine(asked: Exam | Rehearsal, cases: Sequence[int], folder: Path | str, *, workers: int | None = None,
             scheduler: str | None = None, keep: bool = False, progress: Progress | None = None,
             work: Callable[[int], dict[str, Any]] | None = None) -> list[dict[str, Any]]:
-    """Run an exam: every case in `cases` that the folder does not hold yet.
+    """Run an exam or a rehearsal: every case in `cases` that the folder does not hold yet.
 
     Cases are independent: each is drawn from the exam's seed and its own number. What is done is on disk, so the same
     call goes on where another was stopped. In a script, call it below `if __name__ == "__main__":`, as it starts
     processes.
 
     Args:
-        exam: what is asked: an `Exam`, or another record with its `to_dict()` where `work` is given.
+        asked: what is asked.
         cases: their numbers.
         folder: for `exam.json` and `cases.jsonl`.
         workers: processes; as many as there are cores if not given.
@@ -134,15 +79,18 @@ def examine(exam: Any, cases: Sequence[int], folder: Path | str, *, workers: int
         The rows of all cases that the folder holds, in the order of their numbers.
 
     Raises:
-        InputError: the folder holds another exam, is in use or cannot be written; no scheduler answers.
-        ComputationError: workers keep dying.
+        InputError: the folder holds another exam, is in use or cannot be written; no scheduler answers; plan or option
+            of a rehearsal make no sense.
+        ComputationError: workers keep dying, or the reference model of a rehearsal cannot be computed there.
     """
     folder = Path(folder)
     if any(case < 0 for case in cases):
         raise InputError("cases are numbered from 0 on", option="--first")
-    work = work or partial(run_case, exam, keep=(folder / "kept").resolve() if keep else None)
+    if isinstance(asked, Rehearsal):
+        prepare_plan(asked)  # whatever is wrong with the plan is said before anything is written
+    work = work or partial(run_case, asked, keep=(folder / "kept").resolve() if keep else None)
     with hold_folder(folder, "another process is writing to this exam; wait for it, or name another folder"):
-        claim_folder(folder / QUESTIONS, "an exam", "exam", exam.to_dict(), versions=list_versions())
+        claim_folder(folder / QUESTIONS, "an exam", "exam", asked.to_dict(), versions=list_versions())
         path = folder / ANSWERS
         rows = read_answers(path)
         left = [case for case in dict.fromkeys(cases) if case not in rows]

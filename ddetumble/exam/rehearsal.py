@@ -6,8 +6,7 @@ records are the model's own, and say nothing of how right its physics is.
 """
 
 import dataclasses as dc
-import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,13 +15,11 @@ import numpy as np
 import pandas as pd
 from scipy.sparse.linalg import spsolve_triangular
 
-from .._display import Progress
 from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect, parameters_of
 from ..families import name_family, open_campaign
 from ..inference.archive import resolve_model
 from ..inference.assembly import default_starts
-from ..inference.files import write_json
 from ..inference.models import list_effects
 from ..inference.noise import whitening_matrix
 from ..inference.problem import Solution
@@ -32,8 +29,7 @@ from ..planning.detectability import read_plan
 from ..selection.detectability import find_size
 from ..selection.discover import discover
 from ..selection.problem import SelectionProblem, fit_reference, pose_selection
-from .cases import COUNTS, STRONGEST, find_kind
-from .examination import examine, mark_discovery
+from .cases import COUNTS, STRONGEST, find_kind, mark_discovery
 
 
 HIDDEN = ("nothing", "one", "two")  # unless a rehearsal says what
@@ -99,6 +95,29 @@ class Rehearsal:
                                ("effects-from", (self.effects_from,))):
             text += "".join(f" --{option} {value!r}" for value in values if value is not None)
         return text
+
+    def draw(self, index: int) -> tuple[dict[str, Any], Callable[[Path], Iterator[dict[str, Any]]]]:
+        """Fields of the row of a case, to which the others do not matter, and what answers it in a folder."""
+        bench = prepare_plan(self)
+        random, (kind, _) = np.random.default_rng([EDITION, self.seed, index]), find_kind(self, index)
+        hidden, space = hide_effects(bench, COUNTS[kind], random), bench.selection.space
+        u = bench.solution.u.copy()
+        for at, _, _ in hidden.values():
+            for name, value in at.items():
+                u[space.index[name]] = value
+
+        def publish(names) -> dict[str, float]:
+            return {name: float(space.public(name, u, 0.0)["estimate"]) for name in names}
+
+        row: dict[str, Any] = {
+            "index": index, "kind": kind, "effects": {
+                effect: {name.split(".", 1)[1]: value for name, value in publish(at).items()}
+                for effect, (at, _, _) in hidden.items()},
+            "asked": {effect: strength for effect, (_, strength, _) in hidden.items()},
+            "strengths": {effect: reached for effect, (_, _, reached) in hidden.items()},
+            "noise": {"rho": max((n.correlation for n in bench.selection.noise.values()), default=0.0)}, "fault": None}
+        truth = publish([*bench.selection.base, *(name for at, _, _ in hidden.values() for name in at)])
+        return row, partial(answer_case, self, u, truth, random)
 
     def to_dict(self) -> dict[str, Any]:
         """Its fields as files keep them."""
@@ -206,60 +225,15 @@ def measure_plan(bench: Prepared, u: np.ndarray, random: np.random.Generator) ->
     return dc.replace(selection.campaign, samples=pd.concat(samples, ignore_index=True))
 
 
-def rehearse_case(asked: Rehearsal, index: int, keep: Path | None = None) -> dict[str, Any]:
-    """One row of a rehearsal, as `run_case` makes one of an exam; the other cases do not matter to it.
+def answer_case(asked: Rehearsal, u: np.ndarray, truth: Mapping[str, float], random: np.random.Generator, folder: Path
+                ) -> Iterator[dict[str, Any]]:
+    """Further fields of a row: what `discover` says of the plan measured once, beside the true parameters.
 
-    Args:
-        asked: what is rehearsed.
-        index: number of the case.
-        keep: folder in which campaign, discovery and `truth.json` stay in one of the case's own.
+    `u` are coordinates of all parameters, shape (parameters,).
     """
-    began, spent, bench = time.perf_counter(), time.process_time(), prepare_plan(asked)
-    random, (kind, _) = np.random.default_rng([EDITION, asked.seed, index]), find_kind(asked, index)
-    hidden, space = hide_effects(bench, COUNTS[kind], random), bench.selection.space
-    u = bench.solution.u.copy()
-    for at, _, _ in hidden.values():
-        for name, value in at.items():
-            u[space.index[name]] = value
-
-    def publish(names) -> dict[str, float]:
-        return {name: float(space.public(name, u, 0.0)["estimate"]) for name in names}
-
-    row: dict[str, Any] = {
-        "index": index, "kind": kind, "effects": {
-            effect: {name.split(".", 1)[1]: value for name, value in publish(at).items()}
-            for effect, (at, _, _) in hidden.items()},
-        "asked": {effect: strength for effect, (_, strength, _) in hidden.items()},
-        "strengths": {effect: reached for effect, (_, _, reached) in hidden.items()},
-        "noise": {"rho": max((n.correlation for n in bench.selection.noise.values()), default=0.0)}, "fault": None}
-    truth = publish([*bench.selection.base, *(name for at, _, _ in hidden.values() for name in at)])
-    drawn = time.perf_counter()
-    folder = None if keep is None else keep / f"case-{index:04d}"
-    try:
-        campaign = measure_plan(bench, u, random)
-        found = discover(campaign, asked.model, effects=bench.own)
-        row |= mark_discovery(found, truth) | {"error": None}
-        if folder is not None:
-            write_campaign(folder / "campaign", campaign, overwrite=True)
-            found.save(folder / "discovery")
-    except ComputationError as error:
-        row |= {"verdict": "failed", "error": str(error)[:600]}
-    row["seconds"] = {"drawing": round(drawn - began, 2), "answering": round(time.perf_counter() - drawn, 2)}
-    row["processor_seconds"] = round(time.process_time() - spent, 2)
-    if folder is not None:
-        write_json(folder / "truth.json", row)
-    return row
-
-
-def rehearse(asked: Rehearsal, cases: Sequence[int], folder: Path | str, *, workers: int | None = None,
-             scheduler: str | None = None, keep: bool = False, progress: Progress | None = None
-             ) -> list[dict[str, Any]]:
-    """Measure a plan many times over and give each campaign to `discover`; arguments and result as of `examine`.
-
-    Raises:
-        InputError: plan or option make no sense, or as by `examine`.
-        ComputationError: the reference model cannot be computed there, or workers keep dying.
-    """
-    prepare_plan(asked)  # whatever is wrong with the plan is said before anything is written
-    work = partial(rehearse_case, asked, keep=(Path(folder) / "kept").resolve() if keep else None)
-    return examine(asked, cases, folder, workers=workers, scheduler=scheduler, progress=progress, work=work)
+    bench = prepare_plan(asked)
+    campaign = measure_plan(bench, u, random)
+    found = discover(campaign, asked.model, effects=bench.own)
+    write_campaign(folder / "campaign", campaign, overwrite=True)
+    found.save(folder / "discovery")
+    yield mark_discovery(found, truth)
