@@ -61,7 +61,7 @@ def test_a_record_that_names_files_elsewhere(tmp_path, monkeypatch, name):
     """A folder from a stranger has nothing removed outside of itself."""
     (tmp_path / places.RECORD).write_text(json.dumps({"files": {"fit": [name, "a.txt"]}}))
     monkeypatch.setattr(places, "Path", PureWindowsPath)
-    assert places._read_record(tmp_path) == {"fit": ["a.txt"]}
+    assert places.read_record(tmp_path) == {"fit": ["a.txt"]}
 
 
 def test_memory_of_the_machine(windows, monkeypatch):

@@ -44,6 +44,23 @@ def locate_campaign(text: str) -> Path:
     return path
 
 
+def locate_plan(text: str, **said: object) -> Path:
+    """Path of a table of planned tests, or of a campaign, which says itself what the options of a table would.
+
+    Raises:
+        InputError: There is no such table, or one of these options is given for a campaign.
+    """
+    table = text.lower().endswith(".csv")
+    path = Path(text) if table else locate_campaign(text)
+    if table and not path.is_file():
+        raise InputError("this file does not exist", file=path)
+    if not table and any(said.values()):
+        *first, last = (f"--{name}" for name in said)
+        raise InputError(f"a campaign already says what it measures; {', '.join(first)} and {last} apply to a table of "
+                         "planned tests only", file=path)
+    return path
+
+
 def locate_fit(path: Path) -> Path:
     """Folder of a fit: as given, or, where there is nothing, of the shipped fit of that name."""
     shipped = find_data() / path
@@ -163,7 +180,7 @@ def _refuse_taken(path: Path, overwrite: bool, beside: Sequence[str], resumes: S
 def _publish(draft: Path, path: Path, command: str, shared: bool) -> None:
     """Move a finished draft to its place, and remove what earlier commands wrote there and this one did not."""
     new = sorted(file.relative_to(draft).as_posix() for file in draft.rglob("*") if not file.is_dir())
-    before, made = _read_record(path), _read_record(path, MADE)
+    before, made = read_record(path), read_record(path, MADE)
     kept = {name: files for name, files in before.items() if shared and name != command}
     content: dict[str, Any] = {"schema": SCHEMA, "files": kept | {command: new}}
     if words_now.get():
@@ -188,7 +205,7 @@ def _publish(draft: Path, path: Path, command: str, shared: bool) -> None:
         raise InputError(f"the results cannot be put into the folder ({_reason(error)})", file=path) from None
 
 
-def _read_record(path: Path, key: str = "files") -> dict[str, Any]:
+def read_record(path: Path, key: str = "files") -> dict[str, Any]:
     """Files that commands wrote into a folder, by command, without names that lead out of it; or how they were made."""
     try:
         found = json.loads((path / RECORD).read_text(encoding="utf-8")).get(key, {})

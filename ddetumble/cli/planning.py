@@ -5,9 +5,8 @@ from typing import Annotated
 
 import typer
 
-from .._errors import InputError
 from .options import Model, Overwrite, Texts, command, option, place
-from .places import locate_campaign, locate_fit, open_folder, open_optional
+from .places import locate_fit, locate_plan, open_folder, open_optional
 from .progress import show_progress
 
 
@@ -66,13 +65,7 @@ def map_campaign(
     """Find, before any test is made, which effects a campaign would detect, at which size, and which pairs it could not
     distinguish.
     """
-    table = plan.lower().endswith(".csv")
-    path = Path(plan) if table else locate_campaign(plan)
-    if table and not path.is_file():
-        raise InputError("this file does not exist", file=path)
-    if not table and any((channel, uncertainty, value, length, interval)):
-        raise InputError("a campaign already says what it measures; --channel, --uncertainty, --value, --length "
-                         "and --interval apply to a table of planned tests only", file=path)
+    path = locate_plan(plan, channel=channel, uncertainty=uncertainty, value=value, length=length, interval=interval)
     with open_optional(output, "map", overwrite) as out:
         from ..inference.models import list_effects
         from ..planning.detectability import map_effects

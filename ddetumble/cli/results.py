@@ -17,7 +17,7 @@ from .._errors import InputError
 from .._settings import find_data
 from .._user_files import require_trust, split_name
 from .options import app, command, option
-from .places import MADE, RECORD, hash_place, locate_fit
+from .places import MADE, RECORD, hash_place, locate_fit, read_record
 
 
 MAKERS = ("compare", "discover", "missing", "identify", "fit", "predict", "sample", "average", "design", "map", "plan",
@@ -123,12 +123,12 @@ def read_making(folder: Path) -> dict[str, dict[str, Any]]:
     Raises:
         InputError: the folder keeps none.
     """
+    files = read_record(folder)
     try:
-        content = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-        found = {str(name): {"words": [str(word) for word in how["words"]], "inputs": dict(how["inputs"]),
-                             "versions": dict(how["versions"]), "files": list(content["files"][name])}
-                 for name, how in content[MADE].items()}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        found = {name: {"words": [str(word) for word in how["words"]], "inputs": dict(how["inputs"]),
+                        "versions": dict(how["versions"]), "files": files[name]}
+                 for name, how in read_record(folder, MADE).items()}
+    except (ValueError, KeyError, TypeError):
         found = {}
     if not found:
         raise InputError("this folder does not say by which command it was made; name one that a command wrote to",

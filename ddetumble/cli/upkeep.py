@@ -7,7 +7,7 @@ import typer
 
 from .._errors import InputError
 from .options import Overwrite, Texts, app, command, option, place, show_examples
-from .places import locate_campaign, open_folder
+from .places import locate_plan, open_folder
 from .progress import show_progress
 
 
@@ -96,13 +96,8 @@ def _read_rehearsal(plan: str, kinds: tuple[str, ...], *, effects_from: Path | N
     """The rehearsal that the options mean."""
     from ..exam.rehearsal import COUNTS, Rehearsal
 
-    path = Path(plan) if plan.lower().endswith(".csv") else locate_campaign(plan)
-    if plan.lower().endswith(".csv"):
-        if not path.is_file():
-            raise InputError("this file does not exist", file=path)
-    elif any((channels, uncertainties, values, more["length"], more["interval"])):
-        raise InputError("a campaign already says what it measures; --channel, --uncertainty, --value, --length "
-                         "and --interval apply to a table of planned tests only", file=path)
+    locate_plan(plan, channel=channels, uncertainty=uncertainties, value=values, length=more["length"],
+                interval=more["interval"])
     # As it was given: the results name it, and shipped campaigns lie elsewhere on another machine.
     return Rehearsal(plan, truths=kinds or tuple(COUNTS), effects_from=effects_from and str(effects_from),
                      channels=tuple(channels or ()), uncertainties=tuple(uncertainties or ()),

@@ -56,14 +56,12 @@ def measure_momentum(inertia: Array, attitude: Array, angular_velocity: Array) -
     return rotate(attitude, angular_velocity @ to_tensor(inertia))
 
 
-def trace_point(attitude: Array, point: Array, centre: Array | None = None) -> Array:
+def trace_point(attitude: Array, point: Array) -> Array:
     """Path of a point of the body in the inertial frame, (times, 3) [m], such as A of an end face (Figures 16 and 17).
 
-    Attitude (times, 4); the point from the centre of mass, body components, (3,) [m]; `centre` of mass in
-    the inertial frame, (3,) or (times, 3) [m], by default the origin.
+    The centre of mass lies at the origin. Attitude (times, 4); the point from there, body components, (3,) [m].
     """
-    path = rotate(attitude, jnp.broadcast_to(jnp.asarray(point, dtype=float), (*attitude.shape[:-1], 3)))
-    return path if centre is None else path + centre
+    return rotate(attitude, jnp.broadcast_to(jnp.asarray(point, dtype=float), (*attitude.shape[:-1], 3)))
 
 
 def to_tensor(inertia: Any) -> Array:

@@ -8,6 +8,7 @@ from typing import Any
 from ..figures import draw_power
 from ..figures.style import render_png
 from ..inference.files import list_versions, write_json
+from ..measurement.quantities import format_share
 from ..reports.page import Section, Table, draw_picture, write_bytes, write_page
 from .cases import Exam
 from .rehearsal import Rehearsal
@@ -81,8 +82,8 @@ def write_scorecard(exam: Exam | Rehearsal, rows: Sequence[Row], folder: Path | 
 def describe(exam: Exam | Rehearsal, command: str, marks: Mapping[str, Any], failures: Sequence[Mapping[str, Any]]
              ) -> list[Section]:
     """Sections of the page: shares with their limits, sizes, every effect, intervals, failures."""
-    shares = [(what.format(name), share.count, share.total, show_percent(share.share),
-               f"{show_percent(share.low)} – {show_percent(share.high)}", show_percent(share.upper), aim)
+    shares = [(what.format(name), share.count, share.total, format_share(share.share, 1),
+               f"{format_share(share.low, 1)} – {format_share(share.high, 1)}", format_share(share.upper, 1), aim)
               for key, what, aim in SHARES
               for name, share in (marks[key] if isinstance(marks[key], dict) else {"": marks[key]}).items()
               if share.total]  # fmt: skip
@@ -91,7 +92,7 @@ def describe(exam: Exam | Rehearsal, command: str, marks: Mapping[str, Any], fai
         sizes.insert(0, ("size of the confusion set of single effects, mean", marks["set_size"], "", ""))
     effects = [(name, one["cases"], one["strength"], f"{one['seen'].count}/{one['cases']}",
                 f"{one['right'].count}/{one['cases']}") for name, one in marks["by_effect"].items()]
-    widths = [(name, one["cases"], one["width"], show_percent(one["coverage"]))
+    widths = [(name, one["cases"], one["width"], format_share(one["coverage"], 1))
               for name, one in marks["widths"].items()]
     benches = list_benches(marks)
     wrong = [(one["case"], ", ".join(f"{n} ({strength:.2g})" for n, strength in one["hidden"].items()) or "nothing",
@@ -126,16 +127,11 @@ def list_benches(marks: Mapping[str, Any]) -> list[tuple[Any, ...]]:
     for name, one in marks["by_bench"].items():
         alarms, undecided, singles, coverage = (
             one[key] for key in ("false_alarms", "undecided", "singles_right", "coverage"))
-        found.append((name, f"{alarms.count} of {alarms.total}", *(
-            (show_percent(alarms.share), show_percent(alarms.upper)) if alarms.total else ("", "")), undecided.count,
-            f"{singles.count} of {singles.total}", show_percent(singles.share) if singles.total else "",
-            show_percent(coverage.share) if coverage.total else ""))
+        share, upper, right, hold = (format_share(value, 1) if one.total else "" for one, value in (
+            (alarms, alarms.share), (alarms, alarms.upper), (singles, singles.share), (coverage, coverage.share)))
+        found.append((name, f"{alarms.count} of {alarms.total}", share, upper, undecided.count,
+                      f"{singles.count} of {singles.total}", right, hold))
     return found
-
-
-def show_percent(value: float) -> str:
-    """A share in per cent."""
-    return f"{100 * value:.1f} %"
 
 
 def format_markdown(title: str, sentence: str, sections: Sequence[Section]) -> str:
