@@ -2,7 +2,8 @@
 
 import math
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.ticker import MaxNLocator
@@ -198,30 +199,19 @@ def draw_predictive(checks: Checks, family: str = DEFAULT_FAMILY, count: int = 4
     chosen = sorted(int(g) for g in wanted)
     names = vary(one.conditions for one in records)
     short = shorten_names((one.record for one in records), 20)
-    panels = below.subplots(-(-len(chosen) // 2), 2 if len(chosen) > 1 else 1, squeeze=False).ravel()
     shown = describe_quantity(own.channels[0], unit="")
-    for axes in panels[len(chosen):]:
-        axes.set_axis_off()
-    for k, (axes, g) in enumerate(zip(panels, chosen, strict=False)):
-        good = np.isfinite(own.measured[g, 0])
-        measured, values = own.measured[g, 0, good], own.values[:, g, 0][:, good]
-        along = describe_quantity(find_family(family).independent, own.time[g])
-        x = own.time[g][good] * along.scale
+    for axes, g, x, measured, values in _lay_out(below, own, family, chosen,
+                                                 f"measured − model\n[{shown.unit or '–'}]"):
         middle = values.mean(axis=0)
         band = np.quantile(values - middle, [0.05, 0.95], axis=0) * shown.scale
         if len(x) >= 15:  # quantiles of a few replicates are rough
             band = ndimage.uniform_filter1d(band, 5, mode="nearest")
-        dress(axes).fill_between(x, *band, color=KIN, alpha=0.5, lw=0)
+        axes.fill_between(x, *band, color=KIN, alpha=0.5, lw=0)
         axes.plot(x, (measured - middle) * shown.scale, color=INK, lw=0.7)
         axes.axhline(0, color=PALE, lw=0.8, zorder=1)
         record = records[g]
         title = f"{short[str(record.record)]}   {describe_conditions(record.conditions, names)}"
         axes.set_title(wrap_text(title, WIDTH / 2 - 0.8, 9), fontsize=9)
-        axes.margins(x=0)
-        if k % 2 == 0:
-            axes.set_ylabel(f"measured − model\n[{shown.unit or '–'}]", fontsize=8.5)
-        if k >= len(chosen) - 2:
-            axes.set_xlabel(along.label)
     head_figure(figure, [*(key_dot(colour, 5, mark) for mark, colour in _MARKS.values()), key_band(lw=None),
                          key_line(INK, 1.0), key_band(KIN, 0.5, lw=None)],
                 [*STATISTICS.values(), "stands out individually", "measured", "90 % of replicates"])
@@ -238,25 +228,13 @@ def draw_prior_predictive(replicates: Replicates, family: str = DEFAULT_FAMILY, 
         count: of records that are drawn, spread over the campaign.
     """
     chosen = np.unique(np.linspace(0, len(replicates.time) - 1, min(count, len(replicates.time))).astype(int))
-    rows = -(-len(chosen) // 2)
-    figure = new_figure(0.6 + 1.75 * rows)
-    panels = figure.subplots(rows, 2 if len(chosen) > 1 else 1, squeeze=False).ravel()
+    figure = new_figure(0.6 + 1.75 * -(-len(chosen) // 2))
     shown = describe_quantity(replicates.channels[0], unit="")
-    for axes in panels[len(chosen):]:
-        axes.set_axis_off()
-    for k, (axes, g) in enumerate(zip(panels, chosen, strict=False)):
-        good = np.isfinite(replicates.measured[g, 0])
-        along = describe_quantity(find_family(family).independent, replicates.time[g])
-        x, values = replicates.time[g][good] * along.scale, replicates.values[:, g, 0][:, good] * shown.scale
-        low, below, above, high = np.quantile(values, [0.025, 0.25, 0.75, 0.975], axis=0)
-        dress(axes).fill_between(x, low, high, color=KIN, alpha=0.35, lw=0)
+    for axes, _, x, measured, values in _lay_out(figure, replicates, family, chosen, shown.label):
+        low, below, above, high = np.quantile(values * shown.scale, [0.025, 0.25, 0.75, 0.975], axis=0)
+        axes.fill_between(x, low, high, color=KIN, alpha=0.35, lw=0)
         axes.fill_between(x, below, above, color=KIN, alpha=0.7, lw=0)
-        axes.plot(x, replicates.measured[g, 0, good] * shown.scale, color=INK, lw=1.0)
-        axes.margins(x=0)
-        if k % 2 == 0:
-            axes.set_ylabel(shown.label, fontsize=8.5)
-        if k >= len(chosen) - 2:
-            axes.set_xlabel(along.label)
+        axes.plot(x, measured * shown.scale, color=INK, lw=1.0)
     head_figure(figure, [key_line(INK, 1.0), key_band(KIN, 0.7, lw=None), key_band(KIN, 0.35, lw=None)],
                 ["measured", "50 % of the records that the priors expect", "95 %"])
     return figure
@@ -292,6 +270,23 @@ def draw_left_out(scores: Sequence[Scores], names: Sequence[str] = ()):
         words.append("unreliable importance weights")
     head_figure(figure, handles, words)
     return figure
+
+
+def _lay_out(place, own: Replicates, family: str, chosen: Sequence[int], label: str) -> Iterator[tuple[Any, ...]]:
+    """Panels of some records, two a row: axes, number of the record, places in the unit of their axis, what was
+    measured there, and the replicates of it."""
+    panels = place.subplots(-(-len(chosen) // 2), 2 if len(chosen) > 1 else 1, squeeze=False).ravel()
+    for axes in panels[len(chosen):]:
+        axes.set_axis_off()
+    for k, (axes, g) in enumerate(zip(panels, chosen, strict=False)):
+        good = np.isfinite(own.measured[g, 0])
+        along = describe_quantity(find_family(family).independent, own.time[g])
+        dress(axes).margins(x=0)
+        if k % 2 == 0:
+            axes.set_ylabel(label, fontsize=8.5)
+        if k >= len(chosen) - 2:
+            axes.set_xlabel(along.label)
+        yield axes, g, own.time[g][good] * along.scale, own.measured[g, 0, good], own.values[:, g, 0][:, good]
 
 
 def _push_marginal(target: AbstractTarget, k: int) -> np.ndarray:

@@ -26,7 +26,7 @@ from ..families import open_campaign
 from ..inference.archive import FittedModel, Model, load
 from ..inference.bounded import solve_bounded
 from ..inference.estimation import fit
-from ..inference.files import check_folder, list_versions, make_plain, read_json, write_json
+from ..inference.files import check_folder, list_fields, list_versions, make_plain, read_json, write_json
 from ..inference.findings import AbstractRivals, Fit, summarise_fit
 from ..inference.models import resolve_effect
 from ..inference.noise import Noise
@@ -118,8 +118,7 @@ class ModelWeights(AbstractPrinted):
                 "elpd": one.scores.elpd, "elpd_standard_error": one.scores.standard_error,
                 "difference": one.difference, "standard_error": one.standard_error, "outcome": one.outcome,
                 "chi2_reduced": one.fit.chi2_reduced, "text": one.scores.text,
-                "left_out": [{"elpd": s.elpd, "pareto_k": s.pareto_k, "way": s.way, "trusted": s.trusted}
-                             for s in one.scores.scores],
+                "left_out": [list_fields(s, "conditions", "records") for s in one.scores.scores],
             } for one in self.rivals],
             "versions": list_versions(),
         })  # fmt: skip

@@ -20,7 +20,7 @@ from ..contact.effect import AbstractGasEffect, AbstractSensorEffect, Contact, S
 from ..contact.law import ContactLaw
 from ..families import FAMILIES, find_family, name_family
 from ..inference.archive import FittedModel, Model, resolve_model, take_fitted
-from ..inference.files import make_plain
+from ..inference.files import list_fields, make_plain
 from ..inference.levenberg_marquardt import BorderedLevenbergMarquardt, eliminate_nuisances
 from ..inference.models import ResolvedModel
 from ..inference.noise import Noise
@@ -87,7 +87,7 @@ class Identification(AbstractPrinted):
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the table of samples, as JSON can hold it."""
-        plain = {f.name: getattr(self, f.name) for f in dc.fields(self) if f.name not in ("table", "records")}
+        plain = list_fields(self, "table", "records")
         return make_plain({**plain, "sentence": self.sentence, "records": self.records.to_dict("records")})
 
 
