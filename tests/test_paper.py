@@ -8,14 +8,14 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from ddetumble._errors import InputError
+from ddetumble._numerics import refine_peak
 from ddetumble._settings import find_data
 from ddetumble.contact.law import Ball
+from ddetumble.dynamics.curves import normal_force
 from ddetumble.effects.impact import ViscousDashpot
-from ddetumble.families.impact import refine_peak
 from ddetumble.inference.archive import resolve_model
 from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.paper import write_paper
-from ddetumble.paper.contradictions import elastic_force
 from ddetumble.paper.peaks import compute_peaks, fit_exponent
 from ddetumble.reference_models import MODELS
 from ddetumble.selection.discover import discover
@@ -238,7 +238,7 @@ def test_peak_is_refined():
 
 
 def test_models_by_name(tmp_path):
-    at = {name: float(elastic_force(resolve_model(name).reference, np.array([5e-3]), 1e6)[0])
+    at = {name: float(normal_force(resolve_model(name).reference, 5e-3, initial_pressure=1e6))
           for name in MODELS if name != "power-law"}
     assert at["paper"] == at["paper-eq6"] == at["paper-eq5-sign"] == pytest.approx(46.0, abs=0.05)
     assert at["paper-doubled-core"] == pytest.approx(45.0, abs=0.05)

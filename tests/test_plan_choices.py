@@ -23,7 +23,6 @@ from ddetumble.planning.prices import price_limits
 from ddetumble.planning.problem import Goal, Limits, StrikeProblem, drift, score
 from ddetumble.planning.rules import compare_rules
 from ddetumble.planning.scenario import ErrorTable, pose_problem, read_scenario
-from ddetumble.planning.sequence import move_on
 from ddetumble.planning.single import compute_impact, compute_slopes, plan_strike
 from ddetumble.planning.uncertainty import find_tail
 
@@ -183,7 +182,7 @@ def test_errors_of_a_sequence(held):
     the first impact errs as alone; rates that are off by a factor do so throughout.
     """
     problem, first = held
-    second = plan_strike(move_on(problem, first), starts=1)
+    second = plan_strike(problem.begin_at(first.collision.attitude, first.collision.angular_velocity), starts=1)
     planned = np.array([first.score, first.score * second.score])
     assert 0.05 < second.score < 0.95
 

@@ -92,13 +92,8 @@ def read_impact(law: ContactLaw, conditions: Mapping[str, Array]) -> Readings:
 
     The sine is as deep as the reference model's elastic force alone lets the ball come.
     """
-    def squeeze(depth):
-        zero = jnp.zeros(())
-        return bare.contact(conditions, law.reference.diameter(), zero, depth, zero, jnp.zeros((0,))).elastic_force
-
-    bare = law.reference.extend(())
-    depths = jnp.geomspace(1e-6, 1.0, 256)
-    force = jax.vmap(squeeze)(depths)
+    bare, depths = law.reference.extend(()), jnp.geomspace(1e-6, 1.0, 256)
+    force = jax.vmap(lambda depth: bare.press(conditions, law.reference.diameter(), depth).elastic_force)(depths)
     work = jnp.cumsum(0.5 * (force[1:] + force[:-1]) * jnp.diff(depths))
     speed = conditions["approach_speed"]
     deepest = jnp.interp(0.5 * law.reference.inertia() * speed**2, work, depths[1:])

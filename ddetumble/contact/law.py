@@ -100,8 +100,22 @@ class AbstractDamped(AbstractReference):
         return exact_damping(restitution, approach_speed)
 
 
+class AbstractBall(AbstractDamped):
+    """A damped ball of an outer diameter, with gas inside."""
+
+    outer_diameter: Scalar = parameter(
+        "m", 0.060, kind="reference", typical=0.01, coordinate="log", bounds=(0.0, jnp.inf), free=False,
+        text="diameter of the ball before deformation", limits=(1e-3, 10.0),
+        limits_reason="from a ball of a millimetre to one of ten metres")
+    provides: ClassVar[tuple[str, ...]] = ("gas", "geometry", "damping")
+
+    def diameter(self) -> Scalar:
+        """Outer diameter [m]."""
+        return self.outer_diameter
+
+
 @final
-class Ball(AbstractDamped):
+class Ball(AbstractBall):
     """The paper's inflated ball: racetrack section, gas, Hunt-Crossley damping.
 
     Static choices select what the paper prints where it contradicts itself (rows 1 to 4 and 12 of `ddetumble paper`):
@@ -110,11 +124,6 @@ class Ball(AbstractDamped):
     face value).
     """
 
-    outer_diameter: Scalar = parameter("m", 0.060, kind="reference", typical=0.01, coordinate="log",
-                                       bounds=(0.0, jnp.inf), free=False, text="diameter of the ball before "
-                                                                               "deformation",
-                                       limits=(1e-3, 10.0), limits_reason="from a ball of a millimetre to one of ten "
-                                                                          "metres")
     contact_radius_coefficient: Scalar = parameter(
         "", jnp.pi / 4, kind="reference", typical=0.3, coordinate="log", bounds=(0.0, jnp.inf), free=False,
         text="contact radius b over depression", limits=(0.1, 3.0),
@@ -124,11 +133,6 @@ class Ball(AbstractDamped):
     truncated: bool = eqx.field(static=True, default=False)
     damping_form: str = eqx.field(static=True, default="exact")
     damping_sign: float = eqx.field(static=True, default=1.0)
-    provides: ClassVar[tuple[str, ...]] = ("gas", "geometry", "damping")
-
-    def diameter(self) -> Scalar:
-        """Outer diameter [m]."""
-        return self.outer_diameter
 
     def shape(self, depression: Array, diameter: Array, increment) -> tuple[Array, Array]:
         """Contact radius and volume ratio (Eqs. 1 and 2)."""
@@ -242,6 +246,11 @@ class ContactLaw(AbstractLaw):
         for effect, seen in self._see("stiffness", filled, states):
             elastic = elastic * effect.factor(seen)
         return eqx.tree_at(lambda c: c.elastic_force, filled, elastic)
+
+    def press(self, conditions: Mapping[str, Array], diameter: Array, depression: Array) -> Contact:
+        """Geometry, gas and elastic force of a ball that is pressed without haste, the states of effects being zero."""
+        zero = jnp.zeros(())
+        return self.contact(conditions, diameter, zero, depression, zero, jnp.zeros((len(self.stateful()),)))
 
     def forces(self, contact: Contact, damping: Array, states: Array) -> Forces:
         """Normal force and drive at one instant (Eqs. 4 to 7 with the effects)."""

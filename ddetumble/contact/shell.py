@@ -1,6 +1,6 @@
 """The ball's wall: a thick-walled rubber sphere under pressure, its stiffness under a plate, and the model of both."""
 
-from typing import Any, ClassVar, final
+from typing import Any, final
 
 import jax.numpy as jnp
 import numpy as np
@@ -8,7 +8,7 @@ from jaxtyping import Array
 
 from .effect import Contact, Scalar, parameter
 from .geometry import contact_radius, racetrack_volume, sphere_volume
-from .law import AbstractDamped
+from .law import AbstractBall
 
 
 def inflation_pressure(stretch: Array, ratio: Array, shear_modulus: Array) -> Array:
@@ -55,7 +55,7 @@ def shell_stiffness(thickness: Array, radius: Array, elastic_modulus: Array, poi
 
 
 @final
-class InflatedShell(AbstractDamped):
+class InflatedShell(AbstractBall):
     r"""A rubber shell with gas inside: $F_k = P' \pi b^2 + k_s \delta$, $b = \pi\delta/4$, from Table 2 alone.
 
     The gas fills the cavity, $P' = P_0 V_0/V'$ with the volumes of Eq. 2 for the inner diameter, and the wall stands
@@ -63,10 +63,6 @@ class InflatedShell(AbstractDamped):
     `limit_pressure` says up to where it could.
     """
 
-    outer_diameter: Scalar = parameter(
-        "m", 0.060, kind="reference", typical=0.01, coordinate="log", bounds=(0.0, jnp.inf), free=False,
-        text="diameter of the ball before deformation", limits=(1e-3, 10.0),
-        limits_reason="from a ball of a millimetre to one of ten metres")
     inner_diameter: Scalar = parameter(
         "m", 0.040, kind="reference", typical=0.01, coordinate="log", bounds=(0.0, jnp.inf), free=False,
         text="diameter of its cavity", limits=(1e-4, 10.0), limits_reason="it lies within the ball")
@@ -76,11 +72,6 @@ class InflatedShell(AbstractDamped):
     poisson_ratio: Scalar = parameter(
         "", 0.47, kind="reference", typical=0.05, bounds=(0.0, 0.5), free=False, text="Poisson's ratio of the wall",
         limits=(0.0, 0.5), limits_reason="a solid that keeps its volume has one half")
-    provides: ClassVar[tuple[str, ...]] = ("gas", "geometry", "damping")
-
-    def diameter(self) -> Scalar:
-        """Outer diameter [m]."""
-        return self.outer_diameter
 
     def shape(self, depression: Array, diameter: Array, increment) -> tuple[Array, Array]:
         """Contact radius, and volume ratio of the cavity."""

@@ -183,10 +183,8 @@ def bound_depression(law: ContactLaw, conditions: Mapping[str, Array]) -> tuple[
     """
     diameter, _ = law.start(conditions)
     depths = diameter * jnp.linspace(0.0, 1.0, 1025)
-    states = jnp.zeros((len(law.stateful()),))
-    zero = jnp.zeros(())
-    force = jax.vmap(lambda depth: law.contact(conditions, diameter, zero, depth, zero, states).elastic_force)(depths)
-    work = jnp.concatenate([zero[None], jnp.cumsum(0.5 * (force[1:] + force[:-1]) * jnp.diff(depths))])
+    force = jax.vmap(lambda depth: law.press(conditions, diameter, depth).elastic_force)(depths)
+    work = jnp.concatenate([jnp.zeros(1), jnp.cumsum(0.5 * (force[1:] + force[:-1]) * jnp.diff(depths))])
     energy = 0.5 * law.reference.inertia() * conditions["approach_speed"] ** 2
     return jnp.interp(energy, work, depths, right=jnp.inf), diameter
 

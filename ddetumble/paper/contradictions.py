@@ -25,6 +25,7 @@ from ..contact.geometry import membrane_area_radius, racetrack_volume, sphere_vo
 from ..contact.law import Ball, ContactLaw
 from ..contact.shell import inflation_pressure, limit_pressure, shell_stiffness
 from ..contact.sliding import RubberFriction
+from ..dynamics.curves import normal_force
 from ..dynamics.impact import Impact, simulate_impact
 from ..figures.palette import AFTER, BEFORE, FLOOR, GREY, INK, KIN, PALE, PLACE
 from ..figures.style import dress, new_axes, new_figure, point_at, styled
@@ -77,17 +78,10 @@ def _make_point(row: int, values: Mapping[str, float], **facts) -> Contradiction
     return Contradiction(row, title, printed, found, used, sentence, values)
 
 
-def elastic_force(ball: Ball, depression: np.ndarray, pressure: float) -> np.ndarray:
-    """F_k at given depressions and initial pressure [N] (Eq. 4)."""
-    law, zero = ContactLaw(ball), jnp.zeros(())
-    conditions = {"initial_pressure": jnp.asarray(pressure), "approach_speed": jnp.asarray(SPEED)}
-    return np.array([float(law.contact(conditions, ball.diameter(), zero, jnp.asarray(depth), zero,
-                                       jnp.zeros((0,))).elastic_force) for depth in np.atleast_1d(depression)])
-
-
-def _read_force(name: str, depression: np.ndarray) -> np.ndarray:
-    """F_k at 1 MPa [N] under one of the `READINGS`."""
-    return elastic_force(Ball(**READINGS[name][0]), depression, 1e6)
+def _read_force(name: str, depression: float | np.ndarray) -> np.ndarray:
+    """F_k at 1 MPa [N] under one of the `READINGS`, or under Eq. 1 (`earlier`)."""
+    choices = dict(truncated=True) if name == "earlier" else READINGS[name][0]
+    return np.asarray(normal_force(Ball(**choices), depression, initial_pressure=1e6))
 
 
 def pressure_ratio(share: np.ndarray, law: str) -> np.ndarray:
@@ -122,7 +116,7 @@ def list_contradictions(table: Mapping[str, np.ndarray], figure: Mapping[str, np
         figure: Figure 8: `pressure` [Pa] and `peak` [N], each shape (4,).
         times: computed contact times [s] of impacts whose mass fits the four peaks, by reading, shape (4,).
     """
-    force = {name: float(_read_force(name, np.array([5e-3]))[0]) for name in ("area", "quarter", "printed", "ours")}
+    force = {name: float(_read_force(name, 5e-3)) for name in ("area", "quarter", "printed", "ours")}
     step = 1e-6  # of depression over diameter: small enough for the first order, large enough for its digits
     slope = float((1.0 / pressure_ratio(np.array([step]), "perimeter")[0] - 1.0) / step)
     tenth = {f"ratio_{law}": float(pressure_ratio(np.array([0.1]), law)[0]) for law in ("perimeter", "quarter", "area")}
@@ -174,9 +168,7 @@ def list_wall_points(table: Mapping[str, np.ndarray], mass: float, peaks: np.nda
         mass: effective mass that fits Table 3 under Eq. 1 [kg]; `peaks`: what it gives there, shape (11,) [N].
         shell: largest errors of Figure 8 and of Table 3 under `InflatedShell` with one fitted mass [%].
     """
-    depth = np.array([5e-3])
-    earlier = float(elastic_force(Ball(truncated=True), depth, 1e6)[0])
-    printed, ours = (float(_read_force(name, depth)[0]) for name in ("printed", "ours"))
+    earlier, printed, ours = (float(_read_force(name, 5e-3)) for name in ("earlier", "printed", "ours"))
     (constant, slope, bend), missed = fit_parabola(table["printed"])
     gas = table["pressure"] > 0
     outer, thickness = 0.5 * DIAMETER, 0.5 * (DIAMETER - INNER)
@@ -292,7 +284,7 @@ def draw_readings():
     figure, left, right = new_axes(3.6, grid="both", columns=2)
     depth = np.linspace(0.0, 8e-3, 33)
     for name, (_, label, colour, line) in READINGS.items():
-        force, value = _read_force(name, depth), float(_read_force(name, np.array([5e-3]))[0])
+        force, value = _read_force(name, depth), float(_read_force(name, 5e-3))
         for axes in (left, right):
             axes.plot(1e3 * depth, force, line, color=colour, lw=1.8, label=f"{label}: {value:.1f} N")
             axes.plot([5], [value], "o", color=colour, ms=5)
@@ -376,8 +368,9 @@ def draw_earlier():
     """Elastic force at 1 MPa of Eq. 1 and of Eqs. 2 to 4 against depression."""
     figure, axes = new_axes(3.2, 7.0, grid="both")
     depth = np.linspace(1e-4, 8e-3, 33)
-    earlier, ours = elastic_force(Ball(truncated=True), depth, 1e6), _read_force("printed", depth)
-    for force, label, colour in ((earlier, "Eq. 1, the earlier law", BEFORE), (ours, "Eqs. 2 to 4 as printed", AFTER)):
+    for name, label, colour in (("earlier", "Eq. 1, the earlier law", BEFORE),
+                                ("printed", "Eqs. 2 to 4 as printed", AFTER)):
+        force = _read_force(name, depth)
         at = float(np.interp(5e-3, depth, force))
         axes.plot(1e3 * depth, force, color=colour, lw=1.8, label=f"{label}: {at:.0f} N at 5 mm")
         axes.plot([5], [at], "o", color=colour)

@@ -56,11 +56,11 @@ def try_errors(problem: StrikeProblem, plan: StrikePlan, errors: ErrorTable, see
             drawn[name][k] = sizes[name] * random.normal(size=(errors.draws, 3))
     met = _err_all(problem, plan.design, {name: jnp.asarray(own.reshape(-1, 3)) for name, own in drawn.items()})
     # One by one, as the program of one impact is there already and that of many would have to be compiled.
-    rows = [_strike_wrongly(*one) for one in split_batch(met)]
-    columns = (np.reshape(one, (len(groups), -1)) for one in zip(*rows, strict=True))
-    return tuple(Spread(name, sizes.get(name, np.nan), float(share.mean()), float(np.quantile(share, 0.95)),
-                        float(missed.mean()), float(violated.mean()), (float(drifted.mean()), float(drifted.std())))
-                 for name, share, missed, violated, drifted in zip((*sizes, "all"), *columns, strict=True))
+    rows = [(*told, np.linalg.norm(_read_drift(after)))
+            for *told, after in (_strike_once(*one) for one in split_batch(met))]
+    columns = np.moveaxis(np.reshape(rows, (len(groups), -1, 4)), 2, 1)
+    return tuple(_summarise(name, sizes.get(name, np.nan), *own)
+                 for name, own in zip((*sizes, "all"), columns, strict=True))
 
 
 def follow_errors(problem: StrikeProblem, impacts: Sequence[StrikePlan], errors: ErrorTable, seed: int = 0
@@ -80,13 +80,18 @@ def follow_errors(problem: StrikeProblem, impacts: Sequence[StrikePlan], errors:
         for k, plan in enumerate(impacts):
             true, met, margin = _meet(now, plan.design.face, jnp.asarray(plan.x), drawn[k][i])
             left, missed, violated, after = _strike_once(true, met, margin)
-            state = (met.attitude, met.angular_velocity) if after is None else (after.attitude, after.angular_velocity)
-            share, drift = share * left, drift + (0.0 if after is None else np.asarray(after.velocity))
-            now = eqx.tree_at(lambda p: (p.attitude, p.angular_velocity), true, state)
+            share, drift = share * left, drift + _read_drift(after)
+            moved = met if after is None else after
+            now = true.begin_at(moved.attitude, moved.angular_velocity)
             rows[k, :, i] = share, missed, violated, np.linalg.norm(drift)
-    return tuple(Spread("all", np.nan, float(share.mean()), float(np.quantile(share, 0.95)), float(missed.mean()),
-                        float(violated.mean()), (float(drift.mean()), float(drift.std())))
-                 for share, missed, violated, drift in rows)
+    return tuple(_summarise("all", np.nan, *own) for own in rows)
+
+
+def _summarise(error: str, size: float, share: np.ndarray, missed: np.ndarray, violated: np.ndarray, drift: np.ndarray
+               ) -> Spread:
+    """What all draws of one error come to, each shape (draws,)."""
+    return Spread(error, size, float(share.mean()), float(np.quantile(share, 0.95)), float(missed.mean()),
+                  float(violated.mean()), (float(drift.mean()), float(drift.std())))
 
 
 @eqx.filter_jit
@@ -99,10 +104,9 @@ def _meet(problem: StrikeProblem, face: Array, x: Array, error: Mapping[str, Arr
 _err_all = eqx.filter_jit(eqx.filter_vmap(err, in_axes=(None, None, 0)))
 
 
-def _strike_wrongly(true: StrikeProblem, met: Design, margin: Array) -> tuple[float, bool, bool, float]:
-    """Share left, whether the ball misses, whether a limit is passed, and the drift [m/s]."""
-    share, missed, violated, after = _strike_once(true, met, margin)
-    return share, missed, violated, 0.0 if after is None else float(np.linalg.norm(after.velocity))
+def _read_drift(after: Collision | None) -> np.ndarray:
+    """Velocity that a collision gives the body, shape (3,) [m/s]; none where there is none."""
+    return np.zeros(3) if after is None else np.asarray(after.velocity)
 
 
 def _strike_once(true: StrikeProblem, met: Design, margin: Array) -> tuple[float, bool, bool, Collision | None]:

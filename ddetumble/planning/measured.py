@@ -13,7 +13,8 @@ import numpy as np
 
 from .._errors import InputError
 from ..contact.gripping import StrikeLaw
-from ..dynamics.impact import simulate_impact
+from ..dynamics.impact import follow
+from ..families.impact import read_values
 from ..inference.archive import FittedModel
 from ..measurement.quantities import describe_quantity, join_words
 from .draws import find_models
@@ -121,9 +122,8 @@ def _reach(saved: FittedModel) -> tuple[float, float]:
     def press(law, pressures):
         def one(pressure):
             conditions = given | {"initial_pressure": pressure}
-            end = simulate_impact(law, conditions, jnp.linspace(0.0, SPAN, 2)).separation
-            impact = simulate_impact(law, conditions, end * jnp.linspace(0.0, 1.0, 65), span=jnp.asarray(SPAN))
-            return jnp.stack([jnp.max(impact.depression), jnp.max(impact.normal_force)])
+            values, _ = read_values(law, conditions, follow(law, conditions, jnp.asarray(SPAN)))
+            return jnp.stack([values["peak_depression"], values["peak_normal_force"]])
 
         return jnp.max(jax.vmap(one)(pressures), axis=0)
 

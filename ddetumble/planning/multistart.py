@@ -93,8 +93,7 @@ def _estimate(problem: StrikeProblem, face: Array, x: Array) -> Array:
     approach = jnp.maximum(speed, 1e-3 * problem.limits.approach)
     conditions = {**problem.conditions, "initial_pressure": design.pressure, "approach_speed": approach}
     diameter, damping = law.start(conditions)
-    contact = law.contact(conditions, diameter, jnp.zeros(()), jnp.asarray(PROBE), jnp.zeros(()),
-                          jnp.zeros((len(law.stateful()),)))
+    contact = law.press(conditions, diameter, jnp.asarray(PROBE))
     kappa = jnp.maximum(damping * approach, 0.0)
     restitution = 1.0 / (1.0 + 0.7 * kappa)
     for _ in range(SOLVED):

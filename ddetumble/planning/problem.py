@@ -128,6 +128,10 @@ class StrikeProblem(eqx.Module):
         if unit is None:
             self.unit = allow_speed(self)
 
+    def begin_at(self, attitude: Array, angular_velocity: Array) -> "StrikeProblem":
+        """The same with another motion at time 0, such as that which an impact left."""
+        return eqx.tree_at(lambda p: (p.attitude, p.angular_velocity), self, (attitude, angular_velocity))
+
 
 class Design(eqx.Module):
     """One impact in physical quantities."""
@@ -199,12 +203,8 @@ def allow_speed(problem: StrikeProblem) -> Array:
 
     def measure_work(pressure):
         given = {**problem.conditions, "initial_pressure": pressure, "approach_speed": limits.approach}
-
-        def push(depth):
-            return normal.contact(given, ball.diameter(), jnp.zeros(()), depth, jnp.zeros(()),
-                                  jnp.zeros((len(normal.stateful()),))).elastic_force
-
-        force = jnp.maximum(jax.vmap(push)(depths), 0.0)
+        force = jax.vmap(lambda depth: normal.press(given, ball.diameter(), depth).elastic_force)(depths)
+        force = jnp.maximum(force, 0.0)
         work = jnp.cumsum(0.5 * (force[1:] + force[:-1]) * jnp.diff(depths))
         return jnp.interp(limits.force, force[1:], work)
 

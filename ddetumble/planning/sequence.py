@@ -17,7 +17,8 @@ from .._display import Progress
 from .._errors import ComputationError
 from ..contact.effect import AbstractDriveEffect
 from ..contact.gripping import Patch, StrikeLaw, find_height
-from ..dynamics.impact import simulate_impact
+from ..dynamics.impact import follow
+from ..families.impact import read_values
 from .constraints import MISSED, judge, with_slopes
 from .multistart import find_bounds
 from .prices import Relaxation, find_relaxations
@@ -101,7 +102,6 @@ def add_up(problem: StrikeProblem, plans: list[StrikePlan], share: float) -> Seq
     return Sequence(tuple(plans), tuple(instants), tuple(shares), impulse, bool(plans) and shares[-1] <= share, 0, 0.0)
 
 
-
 def find_floor(problem: StrikeProblem) -> float:
     """Share of the momentum about an axis of revolution of the surface, or a sphere's centre, which a normal force
     cannot take [-]; 0 where free motion moves momentum into that axis and out of it.
@@ -118,16 +118,13 @@ def find_floor(problem: StrikeProblem) -> float:
 def _press(law: StrikeLaw, given: Mapping[str, Array], deepest: Array, speeds: Array, pressures: Array) -> Array:
     """Impulse, peak force, peak depression, largest friction over load, on a body that does not give way."""
     normal, reference = law.normal, law.reference
-    times = jnp.linspace(0.0, 0.5, 2)
 
     def one(speed, pressure):
         conditions = {**given, "approach_speed": speed, "initial_pressure": pressure}
-        end = simulate_impact(normal, conditions, times).separation
-        impact = simulate_impact(normal, conditions, end * jnp.linspace(0.0, 1.0, 33), span=jnp.asarray(0.5))
+        values, _ = read_values(normal, conditions, follow(normal, conditions, jnp.asarray(0.5)))
 
         def rub(depression, slip):
-            contact = normal.contact(conditions, reference.ball.diameter(), jnp.zeros(()), depression, jnp.zeros(()),
-                                     jnp.zeros((len(normal.stateful()),)))
+            contact = normal.press(conditions, reference.ball.diameter(), depression)
             load = jnp.maximum(contact.elastic_force, 1e-6)
             patch = Patch(jnp.zeros(()), depression, contact.contact_radius,
                           find_height(reference.ball.diameter(), jnp.zeros(())), contact.pressure, load,
@@ -135,8 +132,8 @@ def _press(law: StrikeLaw, given: Mapping[str, Array], deepest: Array, speeds: A
             return law.limit(patch, slip, jnp.zeros(()), jnp.zeros(())) / load
 
         friction = jax.vmap(jax.vmap(rub, (0, None)), (None, 0))(deepest * RUBBED, speed * RUBBED)
-        return jnp.stack([reference.ball.inertia() * (speed + impact.rebound_speed), jnp.max(impact.normal_force),
-                          jnp.max(impact.depression), jnp.max(friction)])
+        return jnp.stack([reference.ball.inertia() * (speed + values["rebound_speed"]), values["peak_normal_force"],
+                          values["peak_depression"], jnp.max(friction)])
 
     return jax.vmap(jax.vmap(one, (0, None)), (None, 0))(speeds, pressures)
 
@@ -188,12 +185,6 @@ def find_lever(problem: StrikeProblem) -> float:
     return float(jnp.max(jax.vmap(lambda face: jax.vmap(lambda place: lever(face, place))(places))(faces)))
 
 
-def move_on(problem: StrikeProblem, plan: StrikePlan) -> StrikeProblem:
-    """The problem of the next impact: the motion that this one left, time counted from its separation."""
-    return eqx.tree_at(lambda p: (p.attitude, p.angular_velocity), problem,
-                       (plan.collision.attitude, plan.collision.angular_velocity))
-
-
 def plan_sequence(problem: StrikeProblem, share: float, most: int, *, starts: int = STARTS, seed: int = 0,
                   revise: Revise | None = None, progress: Progress | None = None) -> Sequence:
     """Plan impacts one after the other, each the best from what the one before left, its wait chosen too (within
@@ -223,7 +214,7 @@ def plan_sequence(problem: StrikeProblem, share: float, most: int, *, starts: in
         impacts.append(plan)
         left = measure_share(problem, plan.collision.angular_velocity)
         tell(f"impact {len(impacts)}: {100 * left:.2f} % left", math.nan)
-        now = move_on(now, plan)
+        now = now.begin_at(plan.collision.attitude, plan.collision.angular_velocity)
     relaxations = ()
     if refused is not None and not impacts and not refused.missed:
         tell("looking for the limit that stands in the way", math.nan)
@@ -236,7 +227,7 @@ def plan_sequence(problem: StrikeProblem, share: float, most: int, *, starts: in
 def _strike(problem: StrikeProblem, start: Array, state: Array, face: Array, x: Array,
             adjoint: dfx.AbstractAdjoint | None = None) -> Array:
     """Attitude and rates after one impact from those before it, and the impact's row, shape (7 + 3 + constraints,)."""
-    now = eqx.tree_at(lambda p: (p.attitude, p.angular_velocity), problem, (state[:4], state[4:]))
+    now = problem.begin_at(state[:4], state[4:])
     design = read_design(now, face, x)
     collision = strike_debris(now, design, adjoint)
     left = jnp.sum((problem.debris.inertia @ collision.angular_velocity) ** 2) / start
@@ -353,7 +344,7 @@ def refine_sequence(problem: StrikeProblem, sequence: Sequence, share: float, ai
     now, plans, tally = problem, [], Tally(0, len(passed))
     for face, x, certificate in zip(faces, best.reshape(first.shape), certificates, strict=True):
         plans.append(make_plan(now, int(face), x, certificate, tally))
-        now = move_on(now, plans[-1])
+        now = now.begin_at(plans[-1].collision.attitude, plans[-1].collision.angular_velocity)
     found = add_up(problem, plans, share * (1 + SLACK))
     reached = found.reached and all(plan.allowed for plan in plans)
     if reached:
