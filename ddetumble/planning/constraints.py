@@ -103,11 +103,15 @@ def judge(problem: StrikeProblem, design: Design, after: Parting | Collision) ->
         1.0 - jnp.sum((design.point - limits.target) ** 2) / limits.radius**2)
 
 
-@eqx.filter_jit
 def evaluate_slopes(problem: StrikeProblem, face: Array, x: Array, error: Mapping[str, Array] | None = None
                     ) -> tuple[Array, Array]:
     """As `evaluate`, with derivatives by the seven variables, shapes (1 + constraints,), (1 + constraints, 7)."""
-    return with_slopes(lambda x: evaluate(problem, face, x, dfx.ForwardMode(), error), x)
+    return _evaluate_slopes(problem, face, x, error)
+
+
+@eqx.filter_jit
+def _evaluate_slopes(problem, face, x, error) -> tuple[Array, Array]:
+    return with_slopes(lambda x: _evaluate(problem, face, x, dfx.ForwardMode(), error), x)
 
 
 def with_slopes(function: Callable[[Array], Array], x: Array) -> tuple[Array, Array]:
@@ -116,12 +120,16 @@ def with_slopes(function: Callable[[Array], Array], x: Array) -> tuple[Array, Ar
     return value, slopes
 
 
-@eqx.filter_jit
 def evaluate(problem: StrikeProblem, face: Array, x: Array, adjoint: dfx.AbstractAdjoint | None = None,
              error: Mapping[str, Array] | None = None) -> Array:
     """What is wanted small and all constraints of one design, shape (1 + constraints,); with an `error` (see
     `ddetumble.planning.errors.err`), of the impact that happens in its place.
     """
+    return _evaluate(problem, face, x, adjoint, error)
+
+
+@eqx.filter_jit  # behind a plain function, as an argument that is left out would be another program than one of None
+def _evaluate(problem, face, x, adjoint, error) -> Array:
     design = read_design(problem, face, x)
     if error is not None:
         problem, design, _ = err(problem, design, error)

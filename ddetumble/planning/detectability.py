@@ -19,7 +19,7 @@ import pandas as pd
 
 from .._display import Progress
 from .._errors import ComputationError, InputError, error_place
-from .._numerics import map_threads
+from .._numerics import map_threads, scalar
 from ..contact.effect import AbstractEffect, is_scored, parameters_of, read_field
 from ..dynamics.impact import RTOL
 from ..dynamics.spinning import ATTITUDES, RATES
@@ -350,7 +350,7 @@ def _set_values(reference, known: Mapping[str, float]):
     if strange:
         raise InputError(f"--value: the model has no parameter {strange[0]!r}; its parameters are {', '.join(fields)}")
     for name, value in known.items():
-        reference = eqx.tree_at(lambda r, f=fields[name]: read_field(r, f), reference, jnp.asarray(value))
+        reference = eqx.tree_at(lambda r, f=fields[name]: read_field(r, f), reference, scalar(value))
     return reference
 
 

@@ -138,7 +138,7 @@ def _estimate(problem: StrikeProblem, face: Array, x: Array) -> Array:
 def estimate_score(problem: StrikeProblem, face: int, x: np.ndarray) -> float:
     """Score of one design by closed forms [-]."""
     # As many of it as designs in a round, so that the same compiled program serves.
-    return float(screen(problem, jnp.full(DRAWS, face), jnp.tile(jnp.asarray(x), (DRAWS, 1)))[1][0, 0])
+    return float(screen(problem, jnp.full(DRAWS, face, int), jnp.tile(jnp.asarray(x), (DRAWS, 1)))[1][0, 0])
 
 
 class Generation(NamedTuple):

@@ -10,9 +10,9 @@ import math
 from collections.abc import Callable
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 
+from .._numerics import scalar
 from .constraints import CONSTRAINTS
 from .multistart import Place, evolve_designs, find_bounds
 from .problem import Limits, StrikeProblem, allow_speed, score
@@ -159,7 +159,7 @@ def _find_tightest(problem: StrikeProblem, limit: _Limit, loosest: float, seed: 
 
     def loosen(value: float) -> StrikeProblem:
         """The problem with another value of the limit, its velocities in the unit that belongs to that."""
-        loose = eqx.tree_at(lambda p: getattr(p.limits, limit.field), problem, jnp.asarray(value))
+        loose = eqx.tree_at(lambda p: getattr(p.limits, limit.field), problem, scalar(value))
         return eqx.tree_at(lambda p: p.unit, loose, allow_speed(loose))
 
     def rank(loosened: float):
