@@ -123,6 +123,7 @@ def test_noise_comes_back_without_the_sizes_of_its_samples(campaign, tmp_path):
     assert found == noise and not found.sizes
 
 
+@pytest.mark.slow
 def test_a_model_of_every_family_comes_back(tmp_path):
     """Of oblique impacts, too, whose records are of the kind of impacts."""
     for name in ("impact-a", "slip-a", "oblique-a", "tumble-a"):

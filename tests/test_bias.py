@@ -91,6 +91,7 @@ def test_a_rival_is_compared_with_its_model():
         assert moved[name].effects == ("ripple",) and moved[name].bias == one.bias
 
 
+@pytest.mark.slow
 def test_a_shared_error_is_told_from_a_missing_force():
     """Speeds 3 % too high in all records are found beside a model that lacks nothing else, in at least 7 of 8
     campaigns; beside one that lacks a ripple none is, and where settings are as stated in at most 2 of 20."""

@@ -71,6 +71,7 @@ def exact():
     return tabulate()
 
 
+@pytest.mark.slow
 def test_rebound_speeds_alone_give_the_restitution():
     """v2/v1 is Gaussian about e: the standard error is that of its mean, and the mass stays unknown."""
     campaign = make_campaign({"rebound_speed": draw_rebounds(0)}, 0.01)
@@ -95,6 +96,7 @@ def test_intervals_of_the_restitution_cover(uncertainty):
     assert inside >= 52  # of 60 at 95 % fewer come once in a thousand
 
 
+@pytest.mark.slow
 def test_values_against_scipy(exact):
     """All values at once, without noise: the fit finds the truth, and leaves no more than the integrator's error."""
     found = dd.fit(make_campaign(exact, 1e-3))
@@ -103,6 +105,7 @@ def test_values_against_scipy(exact):
     assert found.chi2 < 0.1 * 5 * len(SPEEDS)
 
 
+@pytest.mark.slow
 def test_missing_values_and_packages(exact, tmp_path):
     """A record may lack a value; what was written is read, and fitted alike."""
     table = pd.DataFrame(exact)[["rebound_speed", "impulse"]]

@@ -2,7 +2,6 @@
 
 import sys
 import zipfile
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -179,7 +178,8 @@ def test_conditions_in_a_spreadsheet_of_their_own(tmp_path, ending):
     assert {str(table), "sheet Table", "column p", "line 2"} <= set(str(caught.value).partition(": ")[0].split(", "))
 
 
-@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow if name == "run.mf4" else ())
+                                  for name in FILES])
 def test_files_cut_off_or_of_another_kind(tmp_path, name):
     """Cut anywhere, a file is refused; so is text under its ending."""
     path = make(tmp_path, name)
@@ -420,9 +420,8 @@ def test_tests_in_one_long_table_are_told_apart_by_their_numbers(tmp_path):
     assert dd.import_tests(book, **CONDITIONS).record_keys == ("1", "2")
 
 
-@pytest.mark.parametrize("name", [
-    pytest.param(name, marks=pytest.mark.slow if name in ("run.mf4", "run.nxs") or Path(name).suffix in (".h5", ".mat")
-                 else ()) for name in FORMATS])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FORMATS)
 def test_damaged_files(tmp_path, name, monkeypatch):
     """A campaign or a sentence comes of each; many more are in fits/reader-fuzz."""
     monkeypatch.setattr(recordings, "PATIENCE", 5.0)

@@ -158,6 +158,7 @@ def test_a_common_error_is_read_and_written(late, tmp_path):
     assert again.column("normal_force").common is None
 
 
+@pytest.mark.slow
 def test_a_common_shift_is_one_nuisance_of_the_campaign(late, tmp_path):
     fitted = dd.fit(late)
     shift = fitted.parameters["time_shift"]
