@@ -10,6 +10,7 @@ from ddetumble.exam.simulators.campaigns import write_package
 from ddetumble.exam.simulators.impact_campaigns import make_campaign
 from ddetumble.measurement.package import read_campaign
 from ddetumble.selection.discover import discover
+from tests.helpers_ranking import check_ranking
 
 
 BASE = {"effective_mass": 1.37, "restitution": 0.73}
@@ -17,11 +18,13 @@ PRESSURES, SPEEDS = [0.5e6, 1.1e6, 1.9e6, 2.4e6], [0.16, 0.38, 0.66]
 
 
 def judge(tmp_path, name, effects, seed, **options):
-    """Simulate a campaign, write it, and let `discover` judge the folder."""
+    """Simulate a campaign, write it, and let `discover` judge the folder; its ranking holds together."""
     options = {"repeats": 1, "interval": 4e-4, **options}
     campaign = make_campaign(name, seed, effects, BASE, PRESSURES, SPEEDS, **options)
     write_package(tmp_path / name, campaign)
-    return discover(tmp_path / name)
+    found = discover(tmp_path / name)
+    check_ranking(found)
+    return found
 
 
 def holds(found, name, truth):

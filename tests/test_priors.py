@@ -108,6 +108,9 @@ def test_records_that_the_priors_expect(tmp_path):
         assert found.replicates.values.shape[1:] == found.replicates.measured.shape
         widths.append(found.width)
     assert widths[1] > 2.0 * widths[0] > 0.0
+    # Friction is sampled faster than impacts.
+    known = {name: p.estimate for name, p in dd.fit("slip-c").parameters.items()}
+    fitted = dd.fit("slip-c", priors={name: (value, 0.1 * abs(value)) for name, value in known.items()})
     posterior = dd.sample(fitted, effective=100, most=400).examine()
     posterior.save(tmp_path)
     told = json.loads((tmp_path / "posterior.json").read_text(encoding="utf-8"))["prior"]
