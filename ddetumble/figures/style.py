@@ -218,9 +218,10 @@ def write_png(image: "Pixels") -> bytes:
     return buffer.getvalue()
 
 
-def render_png(figure, dpi: int = 160) -> bytes:
-    """A figure as the bytes of a PNG file, the same bytes for the same figure."""
-    return write_png(render_image(figure, dpi))
+def render_png(figure, dpi: int = 160, few_colours: bool = False) -> bytes:
+    """A figure as the bytes of a PNG file, the same bytes for the same figure; in 256 colours about half as many."""
+    image = render_image(figure, dpi)
+    return write_png(reduce_colours(image) if few_colours else image)
 
 
 def reduce_colours(image: "Pixels") -> "Pixels":

@@ -133,8 +133,8 @@ class Plan(AbstractPrinted):
         share, worth = self.settings.share, f"{100 * LEAST_GAIN:.0f} %"
         erring, stated = self.erring, self.settings.errors.model_dump(exclude=HOW_DRAWN) != USUAL_ERRORS
         # One error is named where it alone adds more than half of what all add to the only impact.
-        alone = () if self.after or erring is None else self.spreads[:-1]
-        most = [NAMES[one.error] for one in alone if one.mean - found.left > 0.5 * (erring.mean - found.left) > 0.0]
+        least = math.inf if self.after or erring is None else 0.5 * (erring.mean - found.left)
+        most = [NAMES[one.error] for one in self.spreads[:-1] if one.mean - found.left > least > 0.0]
         told = [
             say("plan.headline", found=found, share=share, worth=worth, erring=erring, stated=stated),
             say("plan.misfits", misfits=self.misfits) if self.misfits else "", *self.doubts,

@@ -33,7 +33,7 @@ def check_scenario(scenario: Scenario, here: Path) -> tuple[Implausibility, ...]
     shape = [_doubt(f"debris.{key}", "the body's largest extent", size, SIZE, "m", "is that in metres?"),
              _doubt("debris.mass", "the mean density of the body", density, DENSITY, "kg/m³",
                     "are its mass in kg and its shape in metres?")]
-    found = [one for one in shape if one is not None][:1]
+    found = [next(filter(None, shape), None)]
     if table.inertia is not None:
         ratios = np.diag(np.asarray(table.inertia, dtype=float)) / np.diag(np.asarray(uniform.inertia))
         worst = int(np.argmax(np.abs(np.log(np.maximum(ratios, 1e-300)))))
