@@ -19,6 +19,7 @@ from .settings import DEFAULT, SelectionSettings
 from .text import describe_place
 
 
+MEASURING = ("sensor", "gyroscope")  # stages of what happens to readings, not to the ball or the body
 BRIEF = 60  # characters of estimates that still go into a headline; longer ones get a sentence of their own
 
 
@@ -103,6 +104,9 @@ def tell_discovery(found: Discovery, family: Family, left_out: Sequence[str], un
                          before=_level(first, found)))
     else:
         parts.append(_tell_verdict(found, family, folds))
+        sensors = {effect.id for effect in family.catalogue if effect.stage in MEASURING} & {*found.effects}
+        if sensors:
+            parts.append(say("verdict.gauge", effects=sorted(sensors)))
         if found.biases and found.effects:
             for effects in dict.fromkeys(one.effects for one in found.biases):
                 alike = [_describe_bias(one) for one in found.biases if one.effects == effects]
