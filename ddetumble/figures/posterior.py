@@ -230,7 +230,7 @@ def draw_prior_predictive(replicates: Replicates, family: str = DEFAULT_FAMILY, 
     chosen = np.unique(np.linspace(0, len(replicates.time) - 1, min(count, len(replicates.time))).astype(int))
     figure = new_figure(0.6 + 1.75 * -(-len(chosen) // 2))
     shown = describe_quantity(replicates.channels[0], unit="")
-    for axes, _, x, measured, values in _lay_out(figure, replicates, family, chosen, shown.label):
+    for axes, _, x, measured, values in _lay_out(figure, replicates, family, chosen.tolist(), shown.label):
         low, below, above, high = np.quantile(values * shown.scale, [0.025, 0.25, 0.75, 0.975], axis=0)
         axes.fill_between(x, low, high, color=KIN, alpha=0.35, lw=0)
         axes.fill_between(x, below, above, color=KIN, alpha=0.7, lw=0)

@@ -80,8 +80,8 @@ def _make_point(row: int, values: Mapping[str, float], **facts) -> Contradiction
 
 def _read_force(name: str, depression: float | np.ndarray) -> np.ndarray:
     """F_k at 1 MPa [N] under one of the `READINGS`, or under Eq. 1 (`earlier`)."""
-    choices = dict(truncated=True) if name == "earlier" else READINGS[name][0]
-    return np.asarray(normal_force(Ball(**choices), depression, initial_pressure=1e6))
+    ball = Ball(truncated=True) if name == "earlier" else Ball(**READINGS[name][0])
+    return np.asarray(normal_force(ball, depression, initial_pressure=1e6))
 
 
 def pressure_ratio(share: np.ndarray, law: str) -> np.ndarray:
