@@ -53,30 +53,6 @@ def safe_divide(a: Array, b: Array) -> Array:
     return jnp.where(ok, a / jnp.where(ok, b, 1.0), 0.0)
 
 
-def refine_peak(times: Array, values: Array) -> Array:
-    """Maximum of a sampled curve: vertex of the parabola through the largest sample and its two neighbours.
-
-    Args:
-        times: ascending, any spacing, shape (times,) [s].
-        values: shape (times,).
-
-    Returns:
-        The maximum, scalar; the largest sample itself where that is not an inner maximum. Differentiable with the
-        samples that are used held fixed.
-    """
-    # As sums over a mask: XLA fuses a slice at a traced place with all that `values` is computed from, and for a
-    # polytope with an axis of equal moments cannot compile what comes out (jax 0.12.0, CPU).
-    places = jnp.clip(jnp.argmax(stop(values)), 1, values.size - 2) + jnp.arange(-1, 2)
-    mask = places[:, None] == jnp.arange(values.size)
-    (t0, t1, t2), (f0, f1, f2) = (jnp.sum(jnp.where(mask, x, 0.0), axis=1) for x in (times, values))
-    rise, fall = safe_divide(f1 - f0, t1 - t0), safe_divide(f2 - f1, t2 - t1)
-    bend = safe_divide(fall - rise, t2 - t0)
-    slope = rise + bend * (t1 - t0)
-    inner = (bend < 0) & (f1 >= f0) & (f1 >= f2)
-    top = f1 - 0.25 * slope**2 / jnp.where(inner, bend, -1.0)
-    return jnp.where(inner, top, jnp.maximum(f1, jnp.maximum(f0, f2)))
-
-
 def stop(x: Array) -> Array:
     """Treat x as a constant: used for scales that must not carry derivatives."""
     return jax.lax.stop_gradient(x)

@@ -8,11 +8,11 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from ddetumble._errors import InputError
-from ddetumble._numerics import refine_peak
 from ddetumble._settings import find_data
 from ddetumble.contact.law import Ball
 from ddetumble.dynamics.curves import normal_force
 from ddetumble.effects.impact import ViscousDashpot
+from ddetumble.families.impact import refine_peak
 from ddetumble.inference.archive import resolve_model
 from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.paper import write_paper

@@ -29,7 +29,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
 from .._errors import InputError
-from .._numerics import is_known, refine_peak, safe_divide, safe_sqrt, stop
+from .._numerics import is_known, safe_divide, safe_sqrt, stop
 from .._rotation import normalise, rotate, rotate_back, turn
 from ..contact.effect import Scalar
 from ..contact.gripping import Patch, StrikeLaw, Striker, find_height, share_friction, solve_slider
@@ -369,6 +369,21 @@ def _collide(law, debris, attitude, omega, point, velocity, given, span, relaxat
                      solution.stats["num_steps"])
 
 
+def _find_peak(time: Array, values: Array) -> Array:
+    """Largest value, by the parabola through the three places about the largest one."""
+    # As sums over a mask: XLA fuses a slice at a traced place with all that `values` is computed from, and for a
+    # polytope with an axis of equal moments cannot compile what comes out (jax 0.12.0, CPU).
+    places = jnp.clip(jnp.argmax(values), 1, values.size - 2) + jnp.arange(-1, 2)
+    mask = places[:, None] == jnp.arange(values.size)
+    t, y = (jnp.sum(jnp.where(mask, x, 0.0), axis=1) for x in (time, values))
+    left, right = t[1] - t[0], t[2] - t[1]
+    rise, fall = safe_divide(y[1] - y[0], left), safe_divide(y[2] - y[1], right)
+    bend = safe_divide(fall - rise, left + right)
+    slope = safe_divide(rise * right + fall * left, left + right)
+    top = jnp.where(bend < 0, y[1] - 0.25 * safe_divide(slope**2, bend), y[1])
+    return jnp.maximum(jnp.where(jnp.abs(top - y[1]) <= jnp.abs(y[1] - jnp.minimum(y[0], y[2])), top, y[1]), y[1])
+
+
 def _conclude(setup: _Setup, final: _State, course: Course, end: Array, speed: Array, sliding: Array, omega: Array,
               separated: Array, bad: Array, steps: Array) -> Collision:
     """Both bodies at separation, and the ledger."""
@@ -391,5 +406,5 @@ def _conclude(setup: _Setup, final: _State, course: Course, end: Array, speed: A
     finite = jnp.isfinite(jnp.sum(momentum) + jnp.sum(velocity) + jnp.sum(course.normal_force) + end)
     return Collision(
         attitude, after, momentum, body, final.debris, final.debris_momentum, velocity, setup.normal, speed, sliding,
-        end, refine_peak(course.time, course.normal_force), refine_peak(course.time, course.depression),
+        end, _find_peak(course.time, course.normal_force), _find_peak(course.time, course.depression),
         jnp.max(course.pressure), jnp.min(course.margins, axis=0), course, ledger, separated, bad | ~finite, steps)

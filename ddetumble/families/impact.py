@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from .._numerics import refine_peak, stop
+from .._numerics import stop
 from ..contact.law import ContactLaw
 from ..dynamics.impact import Motion, follow, read_motion, simulate_impact
 from ..effects import IMPACT as EFFECTS
@@ -75,6 +75,30 @@ def read_values(law: ContactLaw, conditions: Mapping[str, Array], motion: Motion
         "contact_time": found.separation, "impulse": stop(motion.end) * jnp.sum(WEIGHTS * found.normal_force),
         "peak_depression": refine_peak(times, found.depression),
     }, found.failed  # fmt: skip
+
+
+def refine_peak(times: Array, values: Array) -> Array:
+    """Maximum of a sampled curve: vertex of the parabola through the largest sample and its two neighbours.
+
+    Args:
+        times: ascending, any spacing, shape (times,) [s].
+        values: shape (times,).
+
+    Returns:
+        The maximum, scalar; the largest sample itself where that is not an inner maximum. Differentiable with the
+        samples that are used held fixed.
+    """
+    k = jnp.clip(jnp.argmax(stop(values)), 1, values.shape[0] - 2)
+    t0, t1, t2 = times[k - 1], times[k], times[k + 1]
+    f0, f1, f2 = values[k - 1], values[k], values[k + 1]
+    left, right = (f1 - f0) / (t1 - t0), (f2 - f1) / (t2 - t1)
+    bend = (right - left) / (t2 - t0)
+    slope = left + bend * (t1 - t0)
+    inner = (bend < 0) & (f1 >= f0) & (f1 >= f2)
+    # Next to a jump (separation, a dashpot's onset) the parabola would overshoot: its step stays within half a sample.
+    step = jnp.clip(jnp.where(inner, -slope / (2.0 * jnp.where(inner, bend, -1.0)), 0.0),
+                    0.5 * (t0 - t1), 0.5 * (t2 - t1))
+    return jnp.where(inner, f1 + slope * step + bend * step**2, jnp.maximum(f1, jnp.maximum(f0, f2)))
 
 
 def place_values(table: Any) -> float:
