@@ -59,7 +59,7 @@ def test_evidence_within_one_condition(tmp_path):
 @pytest.mark.slow
 def test_settings_that_swallow_a_misfit(tmp_path):
     """A force that depends on pressure in another way, and pressures that move by many stated deviations for it."""
-    folder = write(tmp_path / "swallow", {"x-pressure-power": {"s": -0.08}}, 7)
+    folder = write(tmp_path / "swallow", {"x-pressure-power": {"s": -0.08}}, 7, repeats=1)
     found = dd.compare(folder)
     pressure = next(s for s in found.shifts if s.name == "initial_pressure")
     assert abs(pressure.largest) > 8.0 and pressure.rms > 4.0 and pressure.p_value < 1e-12
