@@ -125,7 +125,7 @@ def test_the_second_command_compiles_nothing(tmp_path):
             "missed = []\n"
             "jax.monitoring.register_event_listener(lambda name, **_: missed.append(name))\n"
             "from ddetumble.cli import main\n"
-            "assert main(['fit', 'impact-i', '-o', sys.argv[1]]) == 0\n"
+            "assert main(['fit', 'slip-c', '-o', sys.argv[1]]) == 0\n"
             "print('misses', sum(name.endswith('/cache_misses') for name in missed))")
     environment = {**os.environ, "JAX_COMPILATION_CACHE_DIR": str(tmp_path / "cache")}
     counts = []
