@@ -45,13 +45,14 @@ def describe_place(place: Place, view: View) -> dict[str, Any]:
     """Facts of a place where a misfit sits, in the units of a view; a phase is named where there is another."""
     (low, high), timed, period = place.range, place.variable == "time", None
     shown = q.describe_quantity(place.variable, [low, high, *((view.longest,) if timed else ())])
-    unit = f" {shown.unit}" if shown.unit else ""
+    unit, counts = f" {shown.unit}" if shown.unit else "", place.variable == "sequence"
+    number = (lambda value: f"{value:.0f}") if counts else q.format_number
     if place.period is not None and math.isfinite(place.period):
         period = format_time(place.period) if timed else f"{q.format_number(shown.scale * place.period)}{unit}"
     return {
         "channel": q.describe_quantity(place.channel).name,
-        "variable": view.series if place.variable == "sequence" else shown.name,
-        "low": q.format_number(shown.scale * low), "high": f"{q.format_number(shown.scale * high)}{unit}",
+        "variable": f"number of the {view.series}" if counts else shown.name,
+        "low": number(shown.scale * low), "high": f"{number(shown.scale * high)}{unit}",
         "phase": _PHASES[place.phase] if place.phase in view.phases else "", "period": period,
         "share": place.share, "removes": place.removes, "direction": place.variable == "direction",
         "throughout": place.share >= WHOLE and timed and low <= MARGIN * view.longest
