@@ -50,7 +50,8 @@ DRAWN = {  # effects outside the catalogue whose law has a size that the drawn o
     "x-end-stop": ("depth", "depth", r"\bd(?: 1)? = ([\d.e-]+)"),
     "x-stick-slip": ("wavelength", "wavelength", r"\bl(?: 1)? = ([\d.e-]+)"),
 }
-FREE = ("What is missing acts like", "A free force", "A non-parametric force term", "No force ")  # how the sentence about the missing force begins
+# How the sentence about the missing force begins, in answers of every age.
+FREE = ("What is missing acts like", "A free force", "A non-parametric force term", "No force ")
 
 
 def list_counts() -> list[tuple[str, str, Callable[[Sequence[Row]], Sequence[bool]]]]:
