@@ -133,6 +133,7 @@ def test_bands_hold_the_hum():
     assert dc.replace(noise, hum=()).deviations(np.zeros(5)) == pytest.approx(np.full(5, 0.3))
 
 
+@pytest.mark.slow
 def test_sines_of_a_slip_record_turn_with_time():
     """Over slip, 0.1 mm at 20 mm/s is 5 ms: amplitudes of every record's own, in units of the hum's rms."""
     campaign = read_campaign("slip-a")

@@ -150,6 +150,7 @@ def test_compare_and_fit():
     assert abs(estimate.estimate - TRUTH["slip-b"]["effects"]["viscous-friction"]["c_t"]) < 4 * estimate.sd
 
 
+@pytest.mark.slow
 def test_noise_of_strokes_is_measured_between_the_turns():
     """Samples missing where the motion turns round, and two sampling intervals, hinder nothing."""
     noise = compare(find_data() / "slip-d").noise["tangential_force"]

@@ -180,6 +180,7 @@ def test_bends(noisy):
     assert noisy.tell_intervals() and mended.tell_intervals() != noisy.tell_intervals()
 
 
+@pytest.mark.slow
 def test_profile_of_a_line_is_its_gaussian_interval():
     """Eq. 8 at one pressure is linear in K: the profile has the ends of the Gaussian, to the curvature of the log."""
     campaign = make_campaign({10.0: 0.0 * SLIPS}, sd=1e-3)
