@@ -55,6 +55,9 @@ class NoiseSettings:
     # Logarithm of the likelihood by which residuals must contradict a stated size before it is given up: what the fit
     # took of slow noise makes up to 7 of it.
     refuted: float = 12.0
+    # Times the size of readings without contact, or the stated one, beyond which what a model leaves is no noise: a
+    # reading's share makes 5 of it, a stiff ball that a soft model was fitted to 70.
+    loudest: float = 6.0
     # p-value of the strongest line in the spectrum under the noise that would take the stated one's place, below which
     # it is none: a stick-slip of seven times the noise passed for noise as loud, whose spectrum its lines lie about.
     lines: float = 0.005
@@ -353,7 +356,9 @@ def estimate_noise(traces: list[np.ndarray], interval: float, lowest: float, sta
                 for noise in (found, own)]
         ratio = means / (own.sd**2 * _spectrum(frequencies, interval, own.correlation, own.white_share))
         lines = stats.gamma.sf(weight * counts * ratio, weight * counts).min() * len(ratio)
-        if doubt(own.sd) and gain[0] - gain[1] > settings.refuted and lines > settings.lines:
+        seen = quiet is not None and quiet.count >= settings.quiet
+        credible = not seen or own.sd < settings.loudest * max(quiet.sd, stated_sd)
+        if doubt(own.sd) and gain[0] - gain[1] > settings.refuted and lines > settings.lines and credible:
             return own
     return found
 
