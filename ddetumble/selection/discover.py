@@ -38,9 +38,12 @@ from .outliers import Cleaned, begin_cleaning, clean_records
 from .problem import Fitted, SelectionProblem, Zeros, fit_reference, pose_selection
 from .result import MissingForce, Place, Rounding
 from .rounding import find_rounding
-from .series import nrmse
+from .series import make_traces, nrmse
 from .settings import DEFAULT, SelectionSettings
 from .verdict_facts import list_doubts, list_notes, tell_discovery
+
+
+OPEN = ("improved", "unexplained")  # verdicts that leave a misfit
 
 
 def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
@@ -88,7 +91,7 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     open_ended = len(path.steps[-1].fitted.effects) >= settings.effects_before_rivals or path.keep_physical()[1]
     if open_ended and not path.is_explained() and not questions:
         report("trying the other reference models", 0.88)
-        others = _try_references(asked, begin, state, path.steps[0].fitted, settings)
+        others = _search_beside(_fit_references(asked, begin, state, path.steps[0].fitted, settings), settings)
         # Where no condition can be left out, nothing confirms the effects beside another reference model: only one that
         # needs none of them counts. Of several the one with the fewest parameters.
         good = {n: other.steps[-1].fitted for n, other in others.items()
@@ -99,6 +102,12 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
         else:
             path = extend_path(path, settings.most_effects, report)
     end = _conclude(path, bool(questions), report)
+    reached = {n: (other.selection, other.steps[-1]) for n, other in others.items()}
+    last = end.steps[-1].fitted.solution
+    if end.verdict in OPEN and not others and path.selection.reduce_chi2(last) > settings.far:
+        report("fitting the other reference models by themselves", 0.96)
+        fits = _fit_references(asked, begin, state, path.steps[0].fitted, settings)
+        reached = {n: (one, FittedStep(alone, *one.test_lack_of_fit(alone))) for n, one, alone in fits}
     report("writing it down", 0.97)
     selection, steps, verdict = path.selection, end.steps, end.verdict
     described = [describe_step(selection, s, steps[k - 1] if k else None) for k, s in enumerate(steps)]
@@ -116,7 +125,7 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
             "records": selection.records.count, "samples": int(selection.records.lengths.sum()),
             "conditions": count_conditions(campaign.records), "seconds": round(time.perf_counter() - began, 2)},
         faults=state.faults, doubts=doubts, references=tuple(
-            _describe_reference(n, kind.models[n].text, other.steps[-1]) for n, other in others.items()),
+            _describe_reference(n, kind.models[n].text, *one) for n, one in reached.items()),
         spread=describe_spread(selection), irregular=end.irregular, biases=tuple(end.biases), shared_error=shared,
         rounding=end.rounding,
         missing=end.missing if isinstance(end.missing, MissingForce) and not end.irregular else None, made=made)
@@ -233,7 +242,7 @@ def _conclude(path: Path, questions: bool, report: Progress) -> Conclusion:
     unphysical = (path.steps[len(steps)].fitted.effects, beyond) if beyond else None
     verdict, where, steps, beside = _decide(selection, steps, path.visible, questions)
     missing, irregular = None, False
-    if verdict in ("improved", "unexplained"):
+    if verdict in OPEN:
         missing = _draw_force(path, steps[0].fitted, beside, report)
     if isinstance(missing, MissingForce):
         unrelated, judged = is_unrelated(selection, steps[-1].fitted, missing, where)
@@ -323,10 +332,10 @@ def list_exact(campaign: Campaign) -> list[str]:
             if column.uncertainty is None and column.unit not in ("", "1") and len(set(campaign.records[name])) > 1]
 
 
-def _try_references(asked: ResolvedModel, begin: Begin, state: Cleaned, own: Fitted, settings: SelectionSettings
-                    ) -> dict[str, Path]:
-    """Forward selection beside every other built-in reference model of the family that fits about as well by itself as
-    the one that was asked for, whose fit is `own`; by their names."""
+def _fit_references(asked: ResolvedModel, begin: Begin, state: Cleaned, own: Fitted, settings: SelectionSettings
+                    ) -> list[tuple[str, SelectionProblem, Fitted]]:
+    """Fits of every other built-in reference model of the family that does not fit far worse by itself than the one
+    that was asked for, whose fit is `own`; with their names, the best first."""
     def identify(reference):  # what makes two reference models one
         return tuple(type(part) for part in parts_of(reference)), tuple(list_choices(reference).items())
 
@@ -344,15 +353,22 @@ def _try_references(asked: ResolvedModel, begin: Begin, state: Cleaned, own: Fit
         if not same and other.chi2 - rows <= settings.farthest_reference * max(one.chi2 - rows, 1.0):
             fitted.append((name, selection, alone))
             known.append(identify(selection.space.reference))
+    return sorted(fitted, key=lambda one: one[2].merit)
+
+
+def _search_beside(fits: Sequence[tuple[str, SelectionProblem, Fitted]], settings: SelectionSettings
+                   ) -> dict[str, Path]:
+    """Forward selection beside the best of other reference models, by their names."""
     found = {}
-    for name, selection, alone in sorted(fitted, key=lambda one: one[2].merit)[:settings.rival_references]:
+    for name, selection, alone in fits[: settings.rival_references]:
         with contextlib.suppress(ComputationError):
             found[name] = select_effects(selection, alone)
     return found
 
 
-def _describe_reference(name: str, text: str, step: FittedStep) -> dict[str, Any]:
+def _describe_reference(name: str, text: str, selection: SelectionProblem, step: FittedStep) -> dict[str, Any]:
     """How far another reference model came, as `result.json` has it."""
     solution = step.fitted.solution
+    traces = make_traces(selection.campaign, selection.records, solution, selection.noise)
     return {"model": name, "text": text, "effects": list(step.fitted.effects), "parameters": len(solution.names),
-            "rejected": step.lack.rejected, "p_value": step.lack.p_value, "chi2": solution.chi2}
+            "rejected": step.lack.rejected, "p_value": step.lack.p_value, "chi2": solution.chi2, "nrmse": nrmse(traces)}

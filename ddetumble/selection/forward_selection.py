@@ -25,6 +25,7 @@ from .settings import DEFAULT, SelectionSettings
 
 
 SIGNATURE = 3.0  # times the noise, of an effect that a campaign should have shown
+AT_BOUND = 0.01  # typical changes of a coordinate by which a fit that ended at a bound may be off it
 SETTLING = 3  # searches with another scatter of the settings: the second hardly ever changes it
 
 
@@ -569,12 +570,16 @@ class Unphysical:
 
 
 def list_unphysical(selection: SelectionProblem, solution: Solution) -> tuple[Unphysical, ...]:
-    """Free parameters of a fit whose 95 % interval lies wholly beyond their physical limits."""
+    """Free parameters of a fit whose 95 % interval lies wholly beyond their physical limits, or that ended beyond them
+    where the fit could go no further."""
     sd = np.sqrt(np.maximum(np.diag(solution.covariance()), 0.0))
-    found = []
+    (least, most), found = selection.problem.limits, []
     for name, width in zip(solution.names, sd, strict=True):
         p, value = selection.space.parameter(name), selection.space.public(name, solution.u, float(width))
-        if p.excludes(value["q025"], value["q975"]):
+        k = selection.space.index[name]
+        slack = AT_BOUND * selection.problem.scales[k]
+        stuck = not least[k] + slack < solution.u[k] < most[k] - slack
+        if p.excludes(value["q025"], value["q975"]) or (stuck and p.excludes(value["estimate"], value["estimate"])):
             found.append(Unphysical(name, value["estimate"], value["q025"], value["q975"], value["unit"], p.limits,
                                     p.limits_reason))
     return tuple(found)

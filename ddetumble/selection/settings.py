@@ -87,6 +87,9 @@ class SelectionSettings:
             long as the first.
         farthest_reference: times the misfit of the model that was asked for, beyond which another is no rival.
         same_reference: relative difference of chi-square within which two reference models are one.
+        far: chi-square per degree of freedom that is left, from which on other reference models are fitted by
+            themselves, as one may come nearer: twice the noise.
+        nearer: times the error of what was found, below which another reference model is named to begin with.
         largest_part: share of a misfit from which an effect removes most of it.
         shown: standard errors of an amplitude that would have been found.
         power: probability with which the smallest detectable amplitude is found.
@@ -136,6 +139,8 @@ class SelectionSettings:
     rival_references: int = 2
     farthest_reference: float = 4.0
     same_reference: float = 1e-6
+    far: float = 4.0
+    nearer: float = 0.5
     largest_part: float = 0.8
     shown: float = 4.5
     power: float = 0.95

@@ -111,6 +111,11 @@ def tell_discovery(found: Discovery, family: Family, left_out: Sequence[str], un
             for effects in dict.fromkeys(one.effects for one in found.biases):
                 alike = [_describe_bias(one) for one in found.biases if one.effects == effects]
                 parts.append(say("verdict.biased", biases=alike, effects=list(effects)))
+        near = min((r for r in found.references if r["model"] != found.model), key=lambda r: r["nrmse"], default=None)
+        if (near is not None and found.verdict in ("improved", "unexplained")
+                and near["nrmse"] < found.settings.nearer * found.steps[-1].nrmse):
+            parts.append(say("verdict.nearer_reference", model=repr(near["model"]), text=near["text"].rstrip("."),
+                             effects=near["effects"], ratio=near["nrmse"] / max(found.noise_nrmse, 1e-300)))
         if allowed := _list_allowed(found):
             parts.append(say("verdict.allowances", **allowed))
         if found.verdict in ("improved", "unexplained") and found.where:
@@ -161,7 +166,7 @@ def list_notes(found: Discovery, family: Family, left_out: Sequence[str], asked:
     if found.confidence is not None:
         notes.append(say("verdict.confidence", right=found.confidence.right, judged=found.confidence.judged,
                          allowed=found.confidence.allowed, kind=family.name))
-    others = [r["model"] for r in found.references] if found.model == asked else []
+    others = [r["model"] for r in found.references if r["rejected"]] if found.model == asked else []
     return [*notes, *filter(None, [undrawn]), *(say(f"verdict.{name}", **{key: list(names)}) for name, key, names in (
         ("exact_settings", "names", exact), ("undetermined", "names", loose),
         ("no_better_reference", "models", others)) if names)]
