@@ -92,10 +92,10 @@ def test_a_rehearsal_goes_on_and_repeats_itself(asked, tmp_path):
 
 @pytest.mark.slow
 def test_a_measured_campaign_is_rehearsed_by_command(tmp_path, capsys):
-    assert main(["exam", "--plan", "slip-c", "--cases", "2", "--workers", "1", "--truth", "one", "-o",
+    assert main(["exam", "--plan", "slip-c", "--cases", "2", "--workers", "1", "-o",
                  str(tmp_path / "out")]) == 0
     card = json.loads((tmp_path / "out" / "scorecard.json").read_text())
-    assert card["cases"] == 2 and card["exam"]["truths"] == ["one"]
+    assert card["cases"] == 2 and card["exam"]["truths"] == ["nothing", "one", "two"]
     assert "--plan" in card["command"] and (tmp_path / "out" / "report.html").is_file()
 
 

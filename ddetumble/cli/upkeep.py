@@ -94,12 +94,12 @@ def sit_exam(
 def _read_rehearsal(plan: str, kinds: tuple[str, ...], *, effects_from: Path | None, channels: Texts,
                     uncertainties: Texts, values: Texts, **more):
     """The rehearsal that the options mean."""
-    from ..exam.rehearsal import COUNTS, Rehearsal
+    from ..exam.rehearsal import HIDDEN, Rehearsal
 
     locate_plan(plan, channel=channels, uncertainty=uncertainties, value=values, length=more["length"],
                 interval=more["interval"])
     # As it was given: the results name it, and shipped campaigns lie elsewhere on another machine.
-    return Rehearsal(plan, truths=kinds or tuple(COUNTS), effects_from=effects_from and str(effects_from),
+    return Rehearsal(plan, truths=kinds or HIDDEN, effects_from=effects_from and str(effects_from),
                      channels=tuple(channels or ()), uncertainties=tuple(uncertainties or ()),
                      values=tuple(values or ()), **more)
 

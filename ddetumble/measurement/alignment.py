@@ -16,6 +16,7 @@ from .._errors import InputError, error_place
 from .checks import FEWEST_SAMPLES, share_work
 from .columns import Plan, expand_role, read_pairs
 from .onset import FEWEST_BEFORE, Onsets, find_onsets
+from .quantities import format_estimate
 from .units import parse_quantity, si_unit
 
 
@@ -160,16 +161,17 @@ def align_tests(tests: list[RawTest], plan: Plan, onset) -> tuple[dict[str, floa
     times, common = _given_onsets(tests, plan, onset), 0.0
     if times is None:
         found = _find_onsets(tests, notes)
-        contacts = [(float(time), f" ± {sd * 1e3:.3g} ms") for time, sd in zip(found.time, found.sd, strict=True)]
+        contacts = [(float(time), format_estimate(1e3 * time, 1e3 * sd, "ms"))
+                    for time, sd in zip(found.time, found.sd, strict=True)]
         clock, common = math.sqrt(float(np.mean(found.sd**2))), found.common_sd
     else:
-        contacts = [(times[test.key], "") for test in tests]
+        contacts = [(times[test.key], f"{times[test.key] * 1e3:.6g} ms") for test in tests]
         clock = float(np.median([np.median(np.diff(
             test.values["time"][np.isfinite(test.values["normal_force"])])) for test in tests])) / math.sqrt(12)
         notes.append(f"The time origin was given; its uncertainty is due to the sampling, {clock * 1e3:.3g} ms.")
     squares, before, moving = {}, {}, []
-    for test, (contact, error) in zip(tests, contacts, strict=True):
-        test.values["time"] = t = test.values["time"] - contact
+    for test, (start, contact) in zip(tests, contacts, strict=True):
+        test.values["time"] = t = test.values["time"] - start
         shown = []
         for name, values in list(test.values.items()):
             calm = (t < 0) & ~np.isnan(values)
@@ -187,7 +189,7 @@ def align_tests(tests: list[RawTest], plan: Plan, onset) -> tuple[dict[str, floa
                     test.values[name] = values - offset
                     shown.append(f"{name} {offset:.4g} {si_unit(name)}")
         offset = f"offsets subtracted: {', '.join(shown)}" if shown else "no offset subtracted"
-        notes.append(f"Record {test.key}: contact begins at {contact * 1e3:.6g} ms{error} of the raw time; {offset}.")
+        notes.append(f"Record {test.key}: contact begins at {contact} of the raw time; {offset}.")
     if "initial_pressure" not in plan.conditions and len(before) == len(tests):
         plan.add("initial_pressure", before, "Pa", "the pressure channel")
         notes.append("initial_pressure is the mean of the pressure channel before contact.")

@@ -12,6 +12,7 @@ from .tables import Table, convert_column, read_texts
 from .units import ROLES, check_unit, si_unit
 
 
+LINKS = {"file": ("file", "filename", "datei", "fichier"), "record": ("record",)}  # headings of the test of a row
 SHOWN = 5  # names of a table in a message
 
 
@@ -31,7 +32,7 @@ def read_conditions(plan: Plan, path, records: dict[str, str]) -> None:
 
 
 def _add_columns(plan: Plan, table: RawFile, path: Path, records: dict[str, str]) -> None:
-    links = {name.casefold(): name for name in table.columns if name.casefold() in ("file", "record")}
+    links = {role: name for name in table.columns for role, words in LINKS.items() if name.casefold() in words}
     for name in table.columns:
         if not links and guess_role(name, plan.kind) == "record":
             links = {"record": name}

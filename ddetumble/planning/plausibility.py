@@ -12,6 +12,8 @@ from .scenario import Scenario, make_body
 # From the smallest CubeSats to beyond the largest satellites, for which no scenario of one ball is meant [m].
 SIZE = (0.05, 50.0)
 DENSITY = (1.0, 2.5e4)  # from satellites with folded-out arrays, taken for one box, to solid heavy metal [kg/m³]
+# A turn in days to one in a second, at which spinning satellites were released: debris tumbles far more slowly [rad/s].
+RATE = (1e-5, 6.3)
 # Moments of inertia over those of uniform density: all mass on the surface makes 3, masts and arrays beyond it more.
 PROPORTION = (0.05, 6.0)
 
@@ -42,8 +44,8 @@ def check_scenario(scenario: Scenario, here: Path) -> tuple[Implausibility, ...]
                             "are its axes those of the shape, and its unit kg m²?"))
     if table.angular_velocity is not None:
         rate = float(np.linalg.norm(np.asarray(table.angular_velocity, dtype=float)))
-        found.append(_doubt("debris.angular_velocity", "the angular velocity", rate, RANGES["angular rate"], "rad/s",
-                            "is that in rad/s?"))
+        found.append(_doubt("debris.angular_velocity", "the angular velocity", rate, RATE, "rad/s",
+                            "numbers without a unit are in rad/s; write \"25 deg/s\" if that is meant"))
     for pressure in scenario.limits.pressure:
         found.append(_doubt("limits.pressure", "an initial pressure", float(pressure), RANGES["initial_pressure"],
                             "Pa", "is that absolute, and in Pa?"))
