@@ -146,6 +146,15 @@ def test_a_wrong_statement_is_given_up(rho, white, factor):
                - find_level(2.0, rho, white, 0.05)) < max(3.0 * found.log_level_sd, 0.1)
 
 
+@pytest.mark.parametrize(("factor", "noise"), [(3.0, True), (20.0, False)])
+def test_readings_without_contact_bound_the_noise(factor, noise):
+    """What a fit leaves may be three times as loud as before first touch, and as stated; twenty times is no noise."""
+    generator = np.random.default_rng(24)
+    traces = [draw_noise(generator, 300, 2.0 * factor, 0.95, 0.0) for _ in range(5)]
+    found = estimate_noise(traces, 1.0, 0.05, 2.0, quiet=Deviation(2.0, 200, 5), whole=measure_deviation(traces))
+    assert bool(abs(np.log(found.sd / (2.0 * factor))) < 0.3) is noise and (noise or found.sd < 12.0)
+
+
 @pytest.mark.parametrize(("rho", "white"), [(0.0, 0.0), (0.6, 0.0), (0.9, 0.4)])
 @pytest.mark.parametrize("misfit", [0.0, 6.0])
 def test_a_right_statement_stands(rho, white, misfit):

@@ -18,8 +18,10 @@ from helpers_statistics import (
     make_selection,
     white,
 )
+from jaxtyping import Array
 from scipy import stats
 
+from ddetumble.contact.effect import parameter
 from ddetumble.contact.law import Ball
 from ddetumble.effects import SensorLag, SensorResonance
 from ddetumble.inference.parameters import ParameterSpace
@@ -255,6 +257,27 @@ def test_fewer_effects_are_enough_under_another_noise(monkeypatch):
         path = search(1, {"ripple.a": 1.0, "settling.a": 0.03}, effects=(Ripple, Settling), noise=3.0)
         assert effects_of(path)[0] == "ripple" and len(effects_of(path)) == expected
     assert path.is_explained()
+
+
+class Bounded(Ripple):
+    """A ripple whose fit ends at 3 N."""
+
+    id = "ripple"
+    a: Array = parameter("N", typical=0.5, bounds=(-1.0, 3.0), limits=(0.0, 2.0), limits_reason="so much is known")
+
+
+@pytest.mark.parametrize(("value", "width", "beyond"), [
+    (3.0, 1e-3, True), (3.0, 1e3, True), (2.5, 1e-3, True), (2.5, 1e3, False), (1.0, 1e3, False), (-1.0, 1e3, True)])
+def test_a_value_that_is_stuck_beyond_physics_is_beyond(value, width, beyond):
+    """At the end of what a fit may reach and beyond limits, however wide its interval; elsewhere the interval says."""
+    selection, fitted = fit_toy(make_selection(1, effects=(Bounded,)))
+    solution = fit_with(selection, fitted, ripple=0.5).solution
+    u = solution.u.copy()
+    u[selection.space.index["ripple.a"]] = value
+    sd = float(np.sqrt(solution.covariance()[-1, -1]))
+    scaled = solution.shared * np.where(np.arange(len(solution.names)) == len(solution.names) - 1, sd / width, 1.0)
+    found = list_unphysical(selection, dc.replace(solution, u=u, shared=scaled))
+    assert bool(found) is beyond and all(one.name == "ripple.a" for one in found)
 
 
 def test_a_held_shape_is_freed_where_that_predicts_better():

@@ -123,3 +123,23 @@ def test_the_command_fits_it(folder, tmp_path, capsys):
 def test_comparing_and_discovering_begin_there_too(folder):
     found = dd.compare(folder, "power-law")
     assert found.chi2_reduced < 1.3 and found.nrmse < 0.1
+
+
+def test_a_body_twenty_times_as_stiff_is_no_noise(tmp_path):
+    """Pulses that no ball of that pressure makes, in five files with 0.4 N of noise: what the ball leaves is not taken
+    for noise, and the reference model that comes nearer is found."""
+    random, rows = np.random.default_rng(3), ["file,pressure [MPa],speed [m/s]"]
+    for k, (pressure, speed) in enumerate(((0.8, 0.3), (0.8, 0.6), (1.6, 0.3), (1.6, 0.6), (0.8, 0.3))):
+        duration = 1.15 * np.pi * np.sqrt(1.5 / (2.0 * np.pi * 0.03 * (pressure - 0.1) * 1e6))
+        time = np.arange(-0.004, duration + 0.01, 1e-4)
+        shape = np.sin(np.pi * np.clip(time / duration, 0.0, 1.0) ** 0.93) ** 1.1
+        force = 1.5 * 1.7 * speed * shape / np.trapezoid(shape, time) + 0.4 * random.standard_normal(time.size)
+        np.savetxt(tmp_path / f"r{k}.csv", np.stack([1e3 * time, force], axis=1), "%.4f", ",", header="t [ms],Fz [N]",
+                   comments="")
+        rows.append(f"r{k}.csv,{pressure},{speed}")
+    (tmp_path / "settings.csv").write_text("\n".join(rows), encoding="utf-8")
+    campaign = dd.import_tests([tmp_path / f"r{k}.csv" for k in range(5)], conditions=tmp_path / "settings.csv")
+    found = dd.discover(campaign)
+    assert found.verdict in ("unexplained", "improved") and found.noise_nrmse < 0.02
+    nearest = min(found.references, key=lambda one: one["nrmse"])
+    assert nearest["model"] == "power-law" and nearest["nrmse"] < 0.2 * found.steps[0].nrmse
