@@ -356,8 +356,8 @@ def estimate_noise(traces: list[np.ndarray], interval: float, lowest: float, sta
                 for noise in (found, own)]
         ratio = means / (own.sd**2 * _spectrum(frequencies, interval, own.correlation, own.white_share))
         lines = stats.gamma.sf(weight * counts * ratio, weight * counts).min() * len(ratio)
-        seen = quiet is not None and quiet.count >= settings.quiet
-        credible = not seen or own.sd < settings.loudest * max(quiet.sd, stated_sd)
+        credible = (quiet is None or quiet.count < settings.quiet
+                    or own.sd < settings.loudest * max(quiet.sd, stated_sd))
         if doubt(own.sd) and gain[0] - gain[1] > settings.refuted and lines > settings.lines and credible:
             return own
     return found
