@@ -15,7 +15,8 @@ from ddetumble.selection.settings import SelectionSettings
 
 GROUPS = np.array([0, 0, 1, 1, 2, 2])
 SPACE = ParameterSpace(Ball(), IMPACT)
-PROBLEM = SimpleNamespace(groups=GROUPS, space=SPACE, settings=SelectionSettings(), disperse=lambda fitted: 1.0)
+PROBLEM = SimpleNamespace(groups=GROUPS, space=SPACE, settings=SelectionSettings(), disperse=lambda fitted: 1.0,
+                          problem=SimpleNamespace(limits=SPACE.bounds(), scales=SPACE.scales()))
 NAMES = ("sensor-gain.g", "sensor-lag.T", "adhesion.tau_a", "gas-leak.lambda", "membrane-area.alpha",
          "viscous-dashpot.c_v", "arm-servo.k_s")
 

@@ -91,18 +91,21 @@ def stand_in(selection: SelectionProblem, models: Sequence[Fitted]) -> tuple[lis
 def find_bias(selection: SelectionProblem, fitted: Fitted) -> SettingBias | None:
     """The error of one setting, shared by all records, that leaves a model without misfit; None where there is none.
 
-    Settings may scatter more than stated beside it. A scatter that is estimated without the error includes it, so it is
-    estimated again about it.
+    Settings may scatter more than stated beside it. A scatter that is estimated without the error includes it, and may
+    leave a misfit that the error does not: first they scatter as stated, then as estimated, and then about the error.
     """
-    spread, best = selection.estimate_spread(fitted), None
-    for _ in range(ROUNDS):
-        wider = selection.loosen(spread)
-        again = wider.repeat(fitted, 1e-2)
-        best = next((one for one in fit_biases(wider.span(again.solution), again, again)
-                     if not one.rejected and one.difference < 0.0), None)
-        if best is None:
-            return None
-        spread = {name: ratio for name, ratio in best.scatter.items() if ratio > selection.settings.spread.least}
+    for spread in (dict(selection.spread), selection.estimate_spread(fitted)):
+        best = None
+        for _ in range(ROUNDS):
+            wider = selection.loosen(spread)
+            again = wider.repeat(fitted, 1e-2)
+            best = next((one for one in fit_biases(wider.span(again.solution), again, again)
+                         if not one.rejected and one.difference < 0.0), None)
+            if best is None:
+                break
+            spread = {name: ratio for name, ratio in best.scatter.items() if ratio > selection.settings.spread.least}
+        if best is not None:
+            break
     sure = best is not None and abs(best.bias) > selection.settings.standard_errors * best.sd
     return best if sure else None
 

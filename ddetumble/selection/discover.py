@@ -171,16 +171,15 @@ def _select_from_clean(begin: Begin, state: Cleaned, settings: SelectionSettings
 def _allow_bias(path: Path, begin: Begin, state: Cleaned, report: Progress) -> tuple[Path, SettingBias | None]:
     """The same search with an error of one setting that all records share, where that leaves no misfit; and that error.
 
-    It is looked for where effects leave a misfit, beside the reference model and beside the last one, and where it
-    predicts better than the effects after the first did. It then counts as one that the campaign states, so that
-    effects and errors are fitted together.
+    It is looked for where effects leave a misfit, beside each model on the way, and where it predicts better than the
+    effects after the first did. It then counts as one that the campaign states, so that effects and errors are fitted
+    together.
     """
     last, settings = path.steps[-1], path.selection.settings
     if not path.selection.holds_out:
         return path, None
     if last.lack.rejected:
-        models = {step.fitted.effects: step.fitted for step in (path.steps[0], last)}
-        seen = next(filter(None, (find_bias(path.selection, fitted) for fitted in models.values())), None)
+        seen = next(filter(None, (find_bias(path.selection, step.fitted) for step in path.steps)), None)
     else:
         later = stand_in(path.selection, [step.fitted for step in path.steps[1:]]) if len(path.steps) > 2 else ([], [])
         seen = min((one for ones in later for one in ones if one.merit < last.fitted.merit),
@@ -200,7 +199,7 @@ def _allow_bias(path: Path, begin: Begin, state: Cleaned, report: Progress) -> t
     return found, dc.replace(
         seen, bias=-float(solution.u[found.selection.space.index[name]]), merit=last.fitted.merit,
         sd=float(np.sqrt(max(solution.covariance()[place, place], 0.0))),
-        effects=() if before.lack.rejected else tuple(e for e in before.fitted.effects if e not in last.fitted.effects))
+        effects=tuple(e for e in before.fitted.effects if e not in last.fitted.effects))
 
 
 def _draw_force(path: Path, reference: Fitted, beside: Fitted, report: Progress) -> MissingForce | str:
