@@ -284,7 +284,8 @@ class Solution:
             prior_residual=np.append(self.prior_residual, 0.0), prior_weight=np.append(self.prior_weight, weight))
 
     def step(self) -> tuple[np.ndarray, np.ndarray]:
-        """Gauss-Newton step of the free parameters, and their standard deviations, in units of their scales."""
+        """Gauss-Newton step of the free parameters, and their standard deviations, each in units of their scales, shape
+        (free,)."""
         flat, right = self.flattened()
         norms = np.maximum(np.linalg.norm(flat, axis=0), FAINT)
         flat = flat / norms

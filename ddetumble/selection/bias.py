@@ -94,20 +94,25 @@ def find_bias(selection: SelectionProblem, fitted: Fitted) -> SettingBias | None
     Settings may scatter more than stated beside it. A scatter that is estimated without the error includes it, and may
     leave a misfit that the error does not: first they scatter as stated, then as estimated, and then about the error.
     """
-    for spread in (dict(selection.spread), selection.estimate_spread(fitted)):
-        best = None
-        for _ in range(ROUNDS):
-            wider = selection.loosen(spread)
-            again = wider.repeat(fitted, 1e-2)
-            best = next((one for one in fit_biases(wider.span(again.solution), again, again)
-                         if not one.rejected and one.difference < 0.0), None)
-            if best is None:
-                break
-            spread = {name: ratio for name, ratio in best.scatter.items() if ratio > selection.settings.spread.least}
-        if best is not None:
-            break
+    begins = (dict(selection.spread), selection.estimate_spread(fitted))
+    best = next(filter(None, (_settle_bias(selection, fitted, spread) for spread in begins)), None)
     sure = best is not None and abs(best.bias) > selection.settings.standard_errors * best.sd
     return best if sure else None
+
+
+def _settle_bias(selection: SelectionProblem, fitted: Fitted, spread: Mapping[str, float]) -> SettingBias | None:
+    """The best error of one setting that leaves no misfit where settings scatter so many times as stated, and then as
+    they do about it; None where there is none."""
+    best = None
+    for _ in range(ROUNDS):
+        wider = selection.loosen(spread)
+        again = wider.repeat(fitted, 1e-2)
+        best = next((one for one in fit_biases(wider.span(again.solution), again, again)
+                     if not one.rejected and one.difference < 0.0), None)
+        if best is None:
+            return None
+        spread = {name: ratio for name, ratio in best.scatter.items() if ratio > selection.settings.spread.least}
+    return best
 
 
 def _step(solution: Solution) -> tuple[Solution, float]:

@@ -36,14 +36,11 @@ from .localise import fit_directions, locate
 from .missing.missing_force import describe_missing
 from .outliers import Cleaned, begin_cleaning, clean_records
 from .problem import Fitted, SelectionProblem, Zeros, fit_reference, pose_selection
-from .result import MissingForce, Place, Rounding
+from .result import OPEN, MissingForce, Place, Rounding
 from .rounding import find_rounding
 from .series import make_traces, nrmse
 from .settings import DEFAULT, SelectionSettings
 from .verdict_facts import list_doubts, list_notes, tell_discovery
-
-
-OPEN = ("improved", "unexplained")  # verdicts that leave a misfit
 
 
 def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
@@ -192,14 +189,15 @@ def _allow_bias(path: Path, begin: Begin, state: Cleaned, report: Progress) -> t
     found = allow_scatter(select_effects(*begin(campaign, state.zeros)), report)
     before, last = last, found.steps[-1]
     # An error that effects were dropped for must not bring others in.
-    if last.lack.rejected or not before.lack.rejected and len(found.steps) >= len(path.steps):
+    if last.lack.rejected or (not before.lack.rejected and len(found.steps) >= len(path.steps)):
         return path, None
     solution, name = last.fitted.solution, f"{seen.name}_shift"
     place = solution.names.index(name)
     return found, dc.replace(
         seen, bias=-float(solution.u[found.selection.space.index[name]]), merit=last.fitted.merit,
         sd=float(np.sqrt(max(solution.covariance()[place, place], 0.0))),
-        effects=tuple(e for e in before.fitted.effects if e not in last.fitted.effects))
+        # Effects that left a misfit were not compared with it.
+        effects=() if before.lack.rejected else tuple(e for e in before.fitted.effects if e not in last.fitted.effects))
 
 
 def _draw_force(path: Path, reference: Fitted, beside: Fitted, report: Progress) -> MissingForce | str:

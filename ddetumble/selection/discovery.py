@@ -15,7 +15,7 @@ from ..measurement.faults import Fault
 from ..measurement.quantities import clean
 from .bias import SettingBias
 from .confidence import Confidence, find_confidence, list_allowances
-from .result import RESULT, RIVALS, Candidate, MissingForce, Place, Rounding, SettingSpread, Step, list_shifts
+from .result import OPEN, RESULT, RIVALS, Candidate, MissingForce, Place, Rounding, SettingSpread, Step, list_shifts
 from .settings import DEFAULT, SelectionSettings
 from .text import align, choose_view, format_candidates, format_steps, say_place, say_verdict, show_estimate, wrap
 
@@ -121,7 +121,7 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
     def _mark(self, fit: Fit) -> FittedModel:
         """A fitted model with the verdict of this discovery."""
         found, last = fit.fitted_model(), self.steps[-1]
-        is_open = (self.verdict in ("improved", "unexplained")
+        is_open = (self.verdict in OPEN
                    or (self.verdict == "undecided" and last.lack_of_fit.rejected))
         misfit = last.nrmse / self.noise_nrmse if is_open and self.noise_nrmse > 0 else None
         return dc.replace(found, extra={**found.extra, "verdict": self.verdict, "misfit": misfit})

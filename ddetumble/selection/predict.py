@@ -28,13 +28,13 @@ from ..measurement.tables import Table, convert_column, read_table
 from ..measurement.units import check_unit, format_time, parse_unit, si_unit
 from ..posterior.stacking import FILE as WEIGHTS
 from ..posterior.stacking import ModelWeights, read_weights
+from .result import OPEN
 
 
 POSITIVE = ("approach_speed", "normal_load", "slip_speed")
 NOT_NEGATIVE = ("initial_pressure", "internal_pressure", "temperature", "slip")
 CHUNK = 48  # records a call of the compiled program: more take memory, fewer more calls
 DIRECTIONS = 8  # slots of free parameters, a multiple of this, so that few programs are compiled
-OPEN = ("improved", "unexplained", "undecided")  # verdicts of models that leave a misfit
 # Points at which the path from zero slip to the last wanted one is followed: states change over many of them.
 PATH = 256
 SAMPLES = 200  # of a record whose times are chosen, about: a figure shows no more
@@ -230,7 +230,7 @@ def _predict_model(saved: FittedModel, request: Request) -> pd.DataFrame:
     groups, settings = request.groups(), request.settings(name_conditions(saved))
     notes = [*request.notes, *describe_extrapolation(saved, [key for key, _ in groups], settings)]
     verdict = saved.extra.get("verdict")
-    if verdict in OPEN:
+    if verdict in (*OPEN, "undecided"):
         notes.insert(0, f"The discovery of this model ended with {verdict!r}: it does not fit its own records within "
                      "the noise, and the standard deviations do not include what it lacks.")
     channels = list_channels(saved)

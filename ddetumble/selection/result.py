@@ -13,6 +13,7 @@ from .settings import DEFAULT, SelectionSettings
 
 
 RESULT = "result.json"  # what `save` writes for programs
+OPEN = ("improved", "unexplained")  # verdicts that leave a misfit
 RIVALS = "rivals"  # folder of the models that the last step could not tell from the best one
 
 

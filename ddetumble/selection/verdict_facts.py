@@ -14,7 +14,7 @@ from .bias import SettingBias
 from .discovery import Discovery
 from .forward_selection import Unphysical
 from .missing.missing_force import summarise_missing
-from .result import Candidate, SettingShift, SettingSpread, Step, Trace
+from .result import OPEN, Candidate, SettingShift, SettingSpread, Step, Trace
 from .settings import DEFAULT, SelectionSettings
 from .text import describe_place
 
@@ -112,13 +112,13 @@ def tell_discovery(found: Discovery, family: Family, left_out: Sequence[str], un
                 alike = [_describe_bias(one) for one in found.biases if one.effects == effects]
                 parts.append(say("verdict.biased", biases=alike, effects=list(effects)))
         near = min((r for r in found.references if r["model"] != found.model), key=lambda r: r["nrmse"], default=None)
-        if (near is not None and found.verdict in ("improved", "unexplained")
+        if (near is not None and found.verdict in OPEN
                 and near["nrmse"] < found.settings.nearer * found.steps[-1].nrmse):
             parts.append(say("verdict.nearer_reference", model=repr(near["model"]), text=near["text"].rstrip("."),
                              effects=near["effects"], ratio=near["nrmse"] / max(found.noise_nrmse, 1e-300)))
         if allowed := _list_allowed(found):
             parts.append(say("verdict.allowances", **allowed))
-        if found.verdict in ("improved", "unexplained") and found.where:
+        if found.verdict in OPEN and found.where:
             view = dc.replace(family.view, longest=find_longest(first.traces))
             parts.append(say("verdict.where", place=describe_place(found.where[0], view)))
         alike = [one for one in list_choices(found) if one[1]]
@@ -181,7 +181,7 @@ def list_doubts(verdict: str, candidates: Sequence[Candidate], questions: Sequen
         effects, values = unphysical
         return *questions, say("verdict.unphysical", effects=list(effects), values=list(map(str, values)))
     most = max((c for c in candidates if c.beyond), key=lambda c: c.explains, default=None)
-    if verdict not in ("improved", "unexplained") or most is None or most.explains <= settings.largest_part:
+    if verdict not in OPEN or most is None or most.explains <= settings.largest_part:
         return tuple(questions)
     return *questions, say("verdict.imitation", effect=most.effect, share=most.explains, values=most.text)
 
