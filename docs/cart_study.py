@@ -4,7 +4,7 @@
 
 FOLDER holds `force_time.csv` of github.com/cytronicoder/spongebobs-corpse (MIT): columns thickness_mm, run, time_s,
 force_raw_N (compression negative, not tared), velocity_m_s. Pads of 28 mm and more are judged with whole thicknesses
-left out; on the thinnest, which alone is struck through, runs are left out.
+left out; the thinnest, which alone is struck through, by itself.
 """
 
 import argparse
@@ -142,19 +142,21 @@ def tell_story(parts: list[Part]) -> str:
     for part in parts:
         found, noise = part.found, part.found.noise_nrmse
         runs = found.counts["records"]
-        lines += [f"## The {part.name}: {runs} runs, {part.left_out} left out", "", f"> {found.sentence}", "",
+        lines += [f"## The {part.name}: {runs} runs, "
+                  + (f"{part.left_out} left out" if np.isfinite(found.steps[0].heldout_nrmse) else
+                     f"too few conditions to leave {part.left_out} out"), "", f"> {found.sentence}", "",
                   f"| model | error, fitted | error on left-out {part.left_out} | over noise |",
                   "| --- | --- | --- | --- |"]
         for step in found.steps:
             rivals = ", ".join(str(a["effect"]) for a in step.alternatives)
             name = "spring alone" if step.added is None else f"+ {step.added}" + (
                 f" (not to be told from {rivals})" if rivals else "")
-            lines.append(f"| {name} | {100 * step.nrmse:.1f} % | {100 * step.heldout_nrmse:.1f} % | "
-                         f"{step.heldout_nrmse / noise:.1f} |")
+            lines.append(f"| {name} | {100 * step.nrmse:.1f} % | {show(100 * step.heldout_nrmse, 1, ' %')} | "
+                         f"{show(step.heldout_nrmse / noise, 1)} |")
         alone = sorted((c for c in found.candidates if c.explains > 0.01), key=lambda c: -c.explains)[:4]
         lines += ["", "Alone, beside the spring: " + "; ".join(
             f"{c.effect} removes {100 * c.explains:.0f} % of the misfit of the fit, left-out error "
-            f"{100 * c.heldout_nrmse:.2f} %" for c in alone) + "."]
+            f"{show(100 * c.heldout_nrmse, 2, ' %')}" for c in alone) + "."]
         lines += ["", *(f"- {name}: {e.estimate:.4g} \u00b1 {e.sd:.2g} {e.unit}".rstrip() for name, e in
                         found.steps[-1].parameters.items()), *tell_onset(part), "",
                   *(["What `discover` notes:", "", *(f"- {note}" for note in found.notes), ""] if found.notes else []),
@@ -162,19 +164,24 @@ def tell_story(parts: list[Part]) -> str:
     scatter = ", ".join(f"{100 * x:.0f} % ({name})" for part in parts for name, x in part.scatter.items())
     thick = parts[0].found.steps
     lines += ["## What this does not show", "",
-              (f"- The damping is there (the misfit of the fit falls from {100 * thick[0].nrmse:.1f} to "
-               f"{100 * thick[1].nrmse:.1f} % with {thick[1].added}), but on thicknesses left out it gains less, "
-               f"{100 * thick[0].heldout_nrmse:.2f} to {100 * thick[1].heldout_nrmse:.2f} %: three thicknesses differ "
-               "by more than the damping does, and which law of damping it is they do not settle.")
+              (f"- With {' and '.join(str(step.added) for step in thick[1:])} the error of the fit falls from "
+               f"{100 * thick[0].nrmse:.1f} to {100 * thick[-1].nrmse:.1f} %, on thicknesses left out from "
+               f"{100 * thick[0].heldout_nrmse:.2f} to {100 * thick[-1].heldout_nrmse:.2f} %: three thicknesses differ "
+               "by more than a law does, and do not settle which one it is.")
               if len(thick) > 1 else "- Nothing was added on the thick pads.",
               "- Only the thinnest pad is struck through: what it meets behind the pad cannot be foretold from the "
-              "others, so that there runs are left out, and one thickness says nothing about how the onset depends on "
-              "it.",
+              "others, its runs are at too few speeds to leave one out, and one thickness says nothing about how the "
+              "onset depends on it.",
               f"- Repeats differ by {scatter} of the force; the median is stated as its uncertainty. No model without "
               "what makes repeats differ comes down to the noise of single readings, over which errors are counted "
               "here.",
               "- The mass is not stated upstream; it is fitted.", ""]
     return "\n".join(lines)
+
+
+def show(value: float, digits: int, unit: str = "") -> str:
+    """A number, or a dash where there is none."""
+    return f"{value:.{digits}f}{unit}" if np.isfinite(value) else "–"
 
 
 def tell_onset(part: Part) -> list[str]:
