@@ -22,6 +22,8 @@ _SHARE = 0.5  # of the machine's memory: what else the process holds, and other 
 _UNKNOWN = 8e9  # bytes, of a machine that does not say what it has
 # Linux gives a process 65,530 memory mappings, each compiled program takes some, and XLA aborts when they run out.
 _MAPPINGS, _MOST = Path("/proc/self/maps"), 20_000
+# What a loop may touch to become one kernel [bytes]: any amount, as the solver makes its loops small enough itself.
+_LOOPS, _ANY_SIZE = "--xla_backend_extra_options", "xla_cpu_small_while_loop_byte_threshold=1000000000"
 _configured = False
 
 
@@ -38,6 +40,10 @@ def configure() -> None:
     import jax
 
     jax.config.update("jax_enable_x64", True)
+    if jax.__version_info__ < (0, 11) and _LOOPS not in os.environ.get("XLA_FLAGS", ""):
+        # XLA reads it when it starts. Older versions make one kernel of a loop in time only where they are told to:
+        # otherwise tumbling bodies take up to ten times as long.
+        os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {_LOOPS}={_ANY_SIZE}".strip()
     # Where a program breaks down inside, JAX logs a traceback before it raises; whoever catches the error says why.
     logging.getLogger("jax._src.callback").setLevel(logging.CRITICAL)
     if _cache_is_off():
@@ -53,6 +59,16 @@ def configure() -> None:
             jax.config.update(name, value)
     # A process killed while writing leaves half an entry: JAX then compiles again, which is all there is to do.
     warnings.filterwarnings("ignore", message="Error (reading|writing) persistent compilation cache")
+
+
+def find_platform() -> str:
+    """What a program will run on, in the words of `jax.export`: `jax.default_device` may say another than the first."""
+    import jax
+    from jax import export
+
+    chosen = jax.config.jax_default_device  # pyright: ignore[reportAttributeAccessIssue]
+    name = getattr(chosen, "platform", chosen)
+    return "cpu" if name == "cpu" else export.default_export_platform()
 
 
 def forget_programs() -> None:

@@ -16,7 +16,7 @@ from ddetumble.measurement.campaign import Campaign, Column, Uncertainty
 
 NOISE = 2e-5  # rad/s, of long records
 RATES = [0.05, 0.04, 0.11]
-RUN = jax.jit(spin)
+RUN = jax.jit(spin, static_argnames="reverse")
 
 
 def make_law(ratio, effects, orbit_rate=0.00106):
@@ -32,12 +32,12 @@ def make_law(ratio, effects, orbit_rate=0.00106):
     return RigidBody(inertia_ratio=jnp.asarray(ratio), orbit_rate=jnp.asarray(orbit_rate)).extend(tuple(found))
 
 
-def move(law, times, rates=RATES):
-    """The motion from given rates at t = 0."""
+def move(law, times, rates=RATES, reverse=False):
+    """The motion from given rates at t = 0; `reverse` as of `spin`."""
     times = np.asarray(times, dtype=float)
     steps = count_steps(times[-1], float(np.linalg.norm(rates)), float(np.median(np.diff(times))))
     start = {name: jnp.asarray(float(w)) for name, w in zip(START, rates, strict=True)}
-    return RUN(law, start, jnp.asarray(times), jnp.linspace(0.0, times[-1], steps + 1))
+    return RUN(law, start, jnp.asarray(times), jnp.linspace(0.0, times[-1], steps + 1), reverse=reverse)
 
 
 def make_long(records, duration, interval, ratio=0.55):

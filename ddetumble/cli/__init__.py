@@ -58,6 +58,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     if "JAX_PLATFORM_NAME" not in os.environ:  # a command's work is too small for a GPU to be worth its start
         os.environ.setdefault("JAX_PLATFORMS", "cpu")
+    # NumPy's matrices are small here, and threads that wait for each other at every step, up to ten times slower where
+    # another process has a core.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if arguments is None:
         gc.set_threshold(50_000)  # what imports and compiled programs leave stays: to look through it often is in vain
         watch_interrupts(tell_stopped)

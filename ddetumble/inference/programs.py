@@ -20,7 +20,7 @@ import jax
 from jax import export
 
 from .._errors import InputError
-from .._settings import PROGRAM
+from .._settings import PROGRAM, find_platform
 from .files import write_whole
 
 
@@ -42,7 +42,7 @@ def call_kept(function: Callable[..., Any], static: tuple, name: str | None, lik
     """
     leaves, tree = jax.tree.flatten(arrays)
     shapes = tuple((x.shape, str(x.dtype)) for x in leaves)
-    platform = _find_platform()
+    platform = find_platform()
     key = (function, static, tree, shapes, platform)
     with _one:  # two threads that want the same program trace it once
         program = _known.get(key)
@@ -78,13 +78,6 @@ def _prepare(function, static, name, like, arrays, form: str, platform: str) -> 
                     old.unlink(missing_ok=True)
     run, out = jax.jit(kept.call), jax.tree.structure(like)
     return lambda *arrays: jax.tree.unflatten(out, run(*jax.tree.leaves(arrays)))
-
-
-def _find_platform() -> str:
-    """What a program will run on, in the words of `jax.export`: `jax.default_device` may say another than the first."""
-    chosen = jax.config.jax_default_device  # pyright: ignore[reportAttributeAccessIssue]
-    name = getattr(chosen, "platform", chosen)
-    return "cpu" if name == "cpu" else export.default_export_platform()
 
 
 def _read(path: Path) -> export.Exported | None:
