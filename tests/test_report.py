@@ -1,7 +1,9 @@
 """Figures and reports: every verdict gives a page that says so first, stands alone, and escapes what data files say."""
 
 import base64
+import contextlib
 import dataclasses as dc
+import gc
 import math
 import re
 from html.parser import HTMLParser
@@ -280,6 +282,19 @@ def test_generic_page(tmp_path):
     assert page.images[0]["src"] != page.images[1]["src"] and {"2.5", "3"} <= set(page.text)
     with pytest.raises(ValueError, match="no name for a file"):
         write_page("t", "s", [Section("x", figures=[("../up", "c", draw_line())])], tmp_path)
+
+
+def test_garbage_is_collected_after_a_page(tmp_path):
+    for name, fails in (("line", False), ("../up", True)):
+        with pytest.raises(ValueError) if fails else contextlib.nullcontext():
+            write_page("t", "s", [Section("x", figures=[(name, "c", draw_line())])], tmp_path)
+        assert gc.isenabled()
+    gc.disable()
+    try:
+        write_page("t", "s", [Section("x")], tmp_path)
+        assert not gc.isenabled()  # by the user
+    finally:
+        gc.enable()
 
 
 def write_traces(traces, folder):

@@ -4,6 +4,7 @@ import dataclasses as dc
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -28,14 +29,15 @@ from ..measurement.quantities import (
 )
 from ..selection.compare import Comparison, Comparisons
 from ..selection.discovery import Discovery
-from ..selection.preview import preview_effects
+from ..selection.preview import Preview, preview_effects
 from ..selection.result import MissingForce, Place, SettingShift, Step, Trace
 from ..selection.series import list_channels
 from ..selection.text import choose_view, list_alternatives, say_place, say_verdict, share_at_step, show_estimate
-from .page import Picture, Section, Table, draw_picture, flatten, write_page
+from .page import Picture, Section, Table, draw_picture, flatten, pause_collection, write_page
 from .sliders import show_sliders
 
 
+@pause_collection()
 def write_report(discovery: Discovery, folder) -> Path:
     """Write what `discover` returned as one self-contained page, and its figures, into a folder, refused where it
     cannot be written; returns its path.
@@ -76,6 +78,14 @@ def _list_facts(discovery: Discovery) -> list[tuple[str, str, str]]:
 
 def _build_sections(discovery: Discovery) -> list[Section]:
     """The parts of the page, in the order in which a reader asks for them."""
+    if not (discovery.candidates and discovery.made[0]):  # one that was put together by hand has no fits
+        return _arrange_sections(discovery)
+    with ThreadPoolExecutor(1) as pool:  # what the sliders need is computed while figures are made
+        return _arrange_sections(discovery, pool.submit(
+            lambda: preview_effects(discovery.fits[0], discovery.candidates)))
+
+
+def _arrange_sections(discovery: Discovery, preview: Future[Preview | None] | None = None) -> list[Section]:
     sections, models = [], {}
     if discovery.steps:
         models = {"reference model": discovery.steps[0]}
@@ -100,9 +110,7 @@ def _build_sections(discovery: Discovery) -> list[Section]:
         sections += show_missing(discovery.missing)
     if discovery.candidates:
         sections.append(_show_ranking(discovery))
-        if discovery.made[0]:  # its fits, which one that was put together by hand has not
-            preview = preview_effects(discovery.fits[0], discovery.candidates)
-            sections += [] if preview is None else [show_sliders(preview)]
+    place = len(sections)  # of the sliders
     if discovery.steps and discovery.steps[-1].parameters:
         strong = [item for item in discovery.steps[-1].correlations if abs(item[2]) > 0.95]
         sections.append(show_parameters(models, [
@@ -113,7 +121,11 @@ def _build_sections(discovery: Discovery) -> list[Section]:
             ("SHA-256 of the campaign", discovery.sha256), ("reference model", clean(discovery.model)),
             ("verdict", discovery.verdict),
             *flatten({**discovery.counts, "thresholds": dc.asdict(discovery.settings)})]
-    return [*sections, Section("Provenance", tables=[Table(("item", "value"), rows)])]
+    sections.append(Section("Provenance", tables=[Table(("item", "value"), rows)]))
+    moved = None if preview is None else preview.result()
+    if moved is not None:
+        sections.insert(place, show_sliders(moved))
+    return sections
 
 
 def show_errors(labels: Sequence[tuple], steps: Sequence[Step | Comparison], floors: Sequence[float],
@@ -372,6 +384,7 @@ _COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
 _RESIDUALS = {"rms": "rms residual", "bias": "mean residual"}
 
 
+@pause_collection()
 def report_comparison(found: Comparison | Comparisons, folder) -> Path:
     """Write what `compare` returned as a page, `comparison.html`; returns its path.
 

@@ -2,9 +2,12 @@
 
 import base64
 import dataclasses as dc
+import gc
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -61,6 +64,21 @@ class Section:
     points: Sequence[str] = ()  # a list of short sentences after the paragraphs
 
 
+@contextmanager
+def pause_collection():
+    """Let no garbage be collected meanwhile: figures refer to themselves in thousands of places, and none is dropped
+    before its page is written.
+    """
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collecting:
+            gc.enable()
+
+
+@pause_collection()
 def write_page(
     title: str,
     sentence: str,
@@ -99,9 +117,12 @@ def write_page(
     for picture in pictures:
         if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", picture.name):
             raise ValueError(f"{picture.name!r} is no name for a file: use letters, digits, dots, hyphens")
-    # Images are packed one by one: all of a long page as pixels would be hundreds of megabytes.
-    packed = [(write_png(image), _encode(image)) for image in (render_image(one.figure) for one in pictures)]
-    narrow = [_encode(render_image(one.narrow, 190)) if one.narrow is not None else "" for one in pictures]
+    # One image is packed while the next is drawn: Pillow lets other threads run.
+    with ThreadPoolExecutor(1) as pool:
+        files = [pool.submit(_pack, render_image(one.figure)) for one in pictures]
+        small = [None if one.narrow is None else pool.submit(_encode, render_image(one.narrow, 190))
+                 for one in pictures]
+    packed, narrow = [one.result() for one in files], [one.result() if one else "" for one in small]
     shown = [one for _, one in packed]
     # The largest are drawn again with fewer pixels while the page would be too large.
     for dpi in (115, 85, 60):
@@ -196,6 +217,11 @@ def write_bytes(path: Path, content: bytes):
         InputError: It cannot be written.
     """
     write_whole(path, lambda draft: draft.write_bytes(content))
+
+
+def _pack(image) -> tuple[bytes, str]:
+    """An image as a file, and as it stands in a page."""
+    return write_png(image), _encode(image)
 
 
 def _encode(image) -> str:
