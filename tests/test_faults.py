@@ -418,6 +418,7 @@ def test_a_wrong_record_at_an_extreme_is_kept_and_named(tmp_path):
     found = discover(spoil(tmp_path / "c", tmp_path / "f", (faults.scale, ["normal_force"], key, 1.08)))
     assert [(f.kind, f.records, f.left_out) for f in found.faults] == [("doubtful", (key,), False)]
     assert found.counts["records"] == 9
+    assert not found.effects
 
 
 def list_column(folder, name):

@@ -270,8 +270,8 @@ class Told:
 
         for name, what in (("measure_record", alone), ("set_aside", set_aside),
                            ("leave_out", lambda solution, groups: np.arange(float(count))),
-                           ("is_enclosed", lambda selection, aside: enclosed),
-                           ("diagnose", lambda selection, aside: SimpleNamespace(kind=kind))):
+                           ("is_enclosed", lambda selection, aside, softens: enclosed),
+                           ("diagnose", lambda selection, aside: SimpleNamespace(kind=kind, gain=1.0))):
             monkeypatch.setattr(outliers, name, what)
 
     def find(self):
@@ -438,7 +438,7 @@ def test_what_is_said_of_a_fault():
     assert not tell_fault(spiked, False).left_out  # but for a sample
 
 
-def enclosed(record, free_running=False, settings=None, **columns):
+def enclosed(record, free_running=False, settings=None, softens=True, **columns):
     """Whether a record of five lies among the others in what is given."""
     count = 5
     table = pd.DataFrame({name: np.asarray(x, dtype=float) for name, x in columns.items() if name in (
@@ -456,7 +456,7 @@ def enclosed(record, free_running=False, settings=None, **columns):
                                 records=SimpleNamespace(count=count), family=SimpleNamespace(free_running=free_running),
                                 settings=settings or SelectionSettings())
     others = {k: None for k in range(count) if k != record}
-    return is_enclosed(selection, SimpleNamespace(record=record, others=others, solution=solution))
+    return is_enclosed(selection, SimpleNamespace(record=record, others=others, solution=solution), softens)
 
 
 def test_a_record_among_others_is_enclosed():
@@ -484,6 +484,8 @@ def test_the_first_of_a_series_is_not_enclosed():
     series = {"sequence": [3, 2, 1, 4, 5], "approach_speed": [1, 2, 2, 4, 5]}
     assert enclosed(2, groups=[0, 1, 1, 2, 3], **series) is False
     assert enclosed(1, groups=[0, 1, 1, 2, 3], **series)
+    # One that reads less than its repeats has not softened since.
+    assert enclosed(2, groups=[0, 1, 1, 2, 3], softens=False, **series)
     assert not enclosed(2, sequence=[3, 2, 1, 4, 5]) and enclosed(2, sequence=[1, 2, 5, 3, 4])
 
 

@@ -3,6 +3,7 @@
 import dataclasses as dc
 import json
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ import ddetumble as dd
 from ddetumble.exam.simulators.campaigns import write_package
 from ddetumble.exam.simulators.impact_campaigns import make_campaign
 from ddetumble.inference.goodness import combine_p_values
-from ddetumble.selection.discover import list_exact
+from ddetumble.measurement.faults import Fault
+from ddetumble.selection.discover import Conclusion, _doubt_record, list_exact
 from ddetumble.selection.lack_of_fit import is_moved, measure_shifts
 from ddetumble.selection.settings import DEFAULT
 from tests.helpers_ranking import check_ranking
@@ -119,6 +121,20 @@ def test_shifts_of_all_records_or_of_one_are_seen(shifts, moved):
 @pytest.mark.parametrize("values", [(0.2,), (0.004, 0.9, 0.9), (1e-9, 1.0)])
 def test_smallest_of_several_p_values(values):
     assert combine_p_values(values) == pytest.approx(min(len(values) * min(values), 1.0))
+
+
+@pytest.mark.parametrize(("verdict", "kind", "expected"), [
+    ("unexplained", "doubtful", "undecided"), ("improved", "doubtful", "undecided"), ("explained", "doubtful", "explained"),
+    ("nothing-missing", "doubtful", "nothing-missing"), ("unexplained", "gain", "unexplained"),
+])
+def test_no_open_verdict_rests_on_one_record(verdict, kind, expected):
+    """Where one record that nothing repeats may be faulty, a misfit that nothing explains is undecided."""
+    fault = Fault(kind, ("r3",), "", "", "", "", left_out=False)
+    end = Conclusion(verdict, ["reference", "one"], ["somewhere"], "a force", None)
+    found = _doubt_record(end, SimpleNamespace(faults=(fault,)))
+    assert found.verdict == expected
+    assert (found.steps, found.where, found.missing) == (
+        (["reference"], [], None) if expected == "undecided" else (end.steps, end.where, end.missing))
 
 
 @pytest.mark.study

@@ -52,6 +52,7 @@ class Diagnosis:
     text: str  # a sentence on it
     remedy: str  # a sentence on what to do
     samples: np.ndarray | None = None  # without which it fits, shape (channels, samples); None where it takes others
+    gain: float = 1.0  # how many times the true value it reads
 
 
 def diagnose(selection: SelectionProblem, aside: Aside) -> Diagnosis:
@@ -196,7 +197,8 @@ def _try_columns(selection: SelectionProblem, aside: Aside) -> Hypotheses:
             values[r, c] /= gain
             misfit = _hold(selection, aside, values=values)[0]
         yield misfit, Diagnosis("gain", channel, f"It fits if its {channel} reads {gain:.4g} times the true value.",
-                                "Check the range and the calibration of the gauge in that test, and repeat it.")
+                                "Check the range and the calibration of the gauge in that test, and repeat it.",
+                                gain=gain)
 
 
 def _solve_columns(aside: Aside, columns: np.ndarray) -> np.ndarray:

@@ -90,15 +90,19 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
         report("trying the other reference models", 0.88)
         others = _search_beside(_fit_references(asked, begin, state, path.steps[0].fitted, settings), settings)
         # Where no condition can be left out, nothing confirms the effects beside another reference model: only one that
-        # needs none of them counts. Of several the one with the fewest parameters.
+        # needs none of them counts. Of several the one with the fewest parameters; one with more than an effect beyond
+        # physics takes that leaves no misfit (a wrong unit or range) only imitates it.
+        last = path.steps[-1]
+        fewest = np.inf if last.lack.rejected else len(last.fitted.solution.names)
         good = {n: other.steps[-1].fitted for n, other in others.items()
-                if other.is_explained() and (other.selection.holds_out or len(other.steps) == 1)}
+                if other.is_explained() and (other.selection.holds_out or len(other.steps) == 1)
+                and len(other.steps[-1].fitted.solution.names) <= fewest}
         if good:
             name = min(good, key=lambda n: (len(good[n].solution.names), good[n].merit))
             path = others[name]
         else:
             path = extend_path(path, settings.most_effects, report)
-    end = _conclude(path, bool(questions), report)
+    end = _doubt_record(_conclude(path, bool(questions), report), state)
     reached = {n: (other.selection, other.steps[-1]) for n, other in others.items()}
     last = end.steps[-1].fitted.solution
     if end.verdict in OPEN and not others and path.selection.reduce_chi2(last) > settings.far:
@@ -262,6 +266,13 @@ def _conclude(path: Path, questions: bool, report: Progress) -> Conclusion:
     if path.ambiguous and verdict == "nothing-missing":
         verdict, irregular = "undecided", True
     return Conclusion(verdict, steps, where, missing, unphysical, irregular, biases=biases)
+
+
+def _doubt_record(end: Conclusion, state: Cleaned) -> Conclusion:
+    """The same, undecided where a misfit rests on one record alone that nothing repeats: the others leave nothing."""
+    if end.verdict in OPEN and any(fault.kind == "doubtful" for fault in state.faults):
+        return dc.replace(end, verdict="undecided", steps=end.steps[:1], where=[], missing=None)
+    return end
 
 
 def _decide(selection: SelectionProblem, steps: Sequence[FittedStep], visible: bool, questions: bool

@@ -72,7 +72,9 @@ def _find_worst(selection: SelectionProblem, fitted: Fitted, out: set[int]) -> S
             or not (fine or own.excess > limits.factor * usual)
             or (len(kept) <= limits.fewest and own.excess < limits.farther * usual)):
         return None
-    enclosed, diagnosis = is_enclosed(selection, aside), diagnose(selection, aside)
+    diagnosis = diagnose(selection, aside)
+    # What softens reads more in the first test than in its repeats, not less.
+    enclosed = is_enclosed(selection, aside, softens=diagnosis.gain >= 1.0)
     alone = selection.family.free_running or diagnosis.kind == "gain"
     sure = enclosed or diagnosis.kind == "unit" or (alone and own.excess > limits.far * usual)
     if not sure and not fine:
@@ -80,13 +82,16 @@ def _find_worst(selection: SelectionProblem, fitted: Fitted, out: set[int]) -> S
     return Suspect(selection.records.keys[aside.record], sure, diagnosis, aside, enclosed)
 
 
-def is_enclosed(selection: SelectionProblem, aside: Aside) -> bool:
-    """Whether a record lies among the others: a repeat of it, or records on both sides in all that physics may feel."""
+def is_enclosed(selection: SelectionProblem, aside: Aside, softens: bool = True) -> bool:
+    """Whether a record lies among the others: a repeat of it, or records on both sides in all that physics may feel.
+
+    `softens`: whether the ball may have softened from the first test on, so that no later one repeats it.
+    """
     r, kept, solution = aside.record, list(aside.others), aside.solution
     records, names = selection.campaign.records, [str(c) for c in selection.campaign.records.columns]
     if "sequence" in names:
         order = records["sequence"].to_numpy(dtype=float)
-        if order[r] <= order[kept].min():
+        if softens and order[r] <= order[kept].min():
             return False  # what softens does so most from the first test to the second
         names.remove("sequence")
     if names and any(selection.groups[k] == selection.groups[r] for k in kept):

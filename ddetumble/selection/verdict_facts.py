@@ -140,9 +140,14 @@ def tell_discovery(found: Discovery, family: Family, left_out: Sequence[str], un
     out = sorted({key for f in found.faults if f.left_out for key in f.records})
     if out:
         parts.append(say("verdict.left_out", records=out))
-    if found.verdict != "nothing-missing":
-        parts += [say("verdict.one_record", record=f.records[0]) for f in found.faults if f.kind == "doubtful"]
+    if found.verdict not in ("nothing-missing", "undecided"):
+        parts += [say("verdict.one_record", record=record) for record in _list_doubtful(found)]
     return join_sentences(*parts)
+
+
+def _list_doubtful(found: Discovery) -> list[str]:
+    """Records that may be faulty, or show what shows nowhere else."""
+    return [fault.records[0] for fault in found.faults if fault.kind == "doubtful"]
 
 
 def list_notes(found: Discovery, family: Family, left_out: Sequence[str], asked: str, undrawn: str,
@@ -207,6 +212,8 @@ def _tell_verdict(found: Discovery, family: Family, folds: str) -> Sentence:
     if found.verdict == "undecided" and found.biases:
         return say("verdict.bias_or_effect", model=model, before=before, p=p, bias=_describe_bias(found.biases[0]),
                    effects=list(found.biases[0].effects))
+    if found.verdict == "undecided" and lack.rejected and (doubtful := _list_doubtful(found)):
+        return say("verdict.one_record_or_more", model=model, before=before, p=p, record=doubtful[0])
     if found.verdict == "undecided" and found.rounding is not None:
         return say("verdict.rounding", model=model, before=before, p=p, effects=list(found.rounding.effects),
                    channels=list(found.rounding.digits))
