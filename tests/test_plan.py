@@ -35,7 +35,8 @@ from ddetumble.planning.problem import (
     read_design,
     span_plane,
 )
-from ddetumble.planning.scenario import ErrorTable, find_scenario, mount_law, pose_laws, pose_problem, read_scenario
+from ddetumble.planning.scenario import mount_law, pose_laws, pose_problem
+from ddetumble.planning.scenario_file import ErrorTable, find_scenario, read_scenario
 from ddetumble.planning.sequence import (
     Sequence,
     bound_impacts,

@@ -31,7 +31,8 @@ from .prices import Price, price_limits
 from .problem import StrikeProblem
 from .robust import plan_robust_strike
 from .rules import Blow, compare_rules
-from .scenario import ErrorTable, Scenario, find_scenario, pose_laws, pose_problem, read_scenario
+from .scenario import pose_laws, pose_problem
+from .scenario_file import ErrorTable, Scenario, find_scenario, read_scenario
 from .sequence import Sequence, plan_together
 from .single import LEAST_GAIN, STARTS, StrikePlan
 from .uncertainty import Assessment, Prospect, assess_plan, assess_sequence
