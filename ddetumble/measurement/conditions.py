@@ -5,11 +5,12 @@ import unicodedata
 from pathlib import Path
 
 from .._errors import InputError, error_place
-from .columns import Plan, guess_condition, guess_role, is_counter, name_condition, read_unit
+from .columns import Plan, ask_unit, guess_condition, guess_role, is_counter, name_condition, read_unit
 from .layout import RawFile
+from .quantities import join_words
 from .recordings import read_files, split_sheet
 from .tables import Table, convert_column, read_texts
-from .units import ROLES, check_unit, si_unit
+from .units import ROLES, check_unit, list_usual
 
 
 LINKS = {"file": ("file", "filename", "datei", "fichier"), "record": ("record",)}  # headings of the test of a row
@@ -54,11 +55,10 @@ def _add_columns(plan: Plan, table: RawFile, path: Path, records: dict[str, str]
         name = role if role is not None and role in plan.kind.conditions else name_condition(column)
         unit = plan.units.get(column) or plan.units.get(name) or table.units[column]
         unit = unit or ("1" if name == "sequence" else None)
+        asked = "time" if name == "onset" else name
         if unit is None:
-            near = si_unit(role) if role is not None else "mm"
-            problem = f"the column has no unit; write it into the heading like '{column} [{near}]', or give --unit "
-            raise InputError(problem + f"{name}={near}", file=table.file, column=column)
-        checked = read_unit(unit, "time" if name == "onset" else name, table.file, column)
+            raise InputError(f"the column has no unit: {ask_unit(column, asked, name)}", file=table.file, column=column)
+        checked = read_unit(unit, asked, table.file, column)
         values = checked.convert(convert_column(table, column, decimal=table.decimal))
         places = {key: {"file": table.file, "column": column, "row": table.lines[row]} for key, row in rows.items()}
         found = {key: float(values[row]) for key, row in rows.items()}
@@ -84,7 +84,9 @@ def read_names(plan: Plan, pattern: str, records: dict[str, str]) -> None:
         if name in units:
             raise InputError(f"--name-pattern {pattern!r} contains {name} twice")
         if unit is None:
-            raise InputError(f"--name-pattern does not state the unit of {name}: write {{{name}:MPa}} or similar")
+            usual = list_usual(name) or ("mm",)
+            asked = f"is it {join_words(usual, 'or')}? Write" if len(usual) > 1 else "write"
+            raise InputError(f"--name-pattern does not state the unit of {name}: {asked} {{{name}:{usual[0]}}}")
         units[name] = read_unit(unit, name, "--name-pattern", name)
         expression += r"([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)" + re.escape(after)
     found = {}

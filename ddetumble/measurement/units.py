@@ -43,6 +43,10 @@ _HINTS = {"mpa": "MPa", "kpa": "kPa", "pa": "Pa", "kn": "kN", "n": "N", "mn": "m
 # Kinds of quantities and their SI units.
 _KINDS = {"pressure": "Pa", "speed": "m/s", "force": "N", "length": "m", "time": "s", "angular velocity": "rad/s",
           "mass": "kg", "temperature": "K", "impulse": "N*s", "pure number": "1"}
+# Those in which test benches write them, the likeliest first.
+_USUAL = {"pressure": "MPa kPa bar psi", "speed": "m/s mm/s", "force": "N kN kgf", "length": "mm m", "time": "s ms us",
+          "angular velocity": "rad/s deg/s rpm", "mass": "kg g", "temperature": "degC K", "impulse": "N*s",
+          "pure number": "1 %"}
 _ROLES = {
     "pressure": "initial_pressure internal_pressure pressure ambient_pressure tensile_strength real_contact_pressure "
     "contour_pressure composite_modulus elastic_modulus",
@@ -107,6 +111,11 @@ def role_of(name: str) -> str | None:
 def si_unit(quantity: str) -> str:
     """SI unit of a quantity of fixed role, e.g. "Pa" for `initial_pressure`; "1" for a name without one."""
     return _KINDS[role_of(quantity) or "pure number"]
+
+
+def list_usual(quantity: str) -> tuple[str, ...]:
+    """Units in which test benches write a quantity, the likeliest first; none where its name does not say its kind."""
+    return tuple(_USUAL.get(role_of(quantity) or "", "").split())
 
 
 @lru_cache(maxsize=512)
