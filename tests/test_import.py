@@ -203,6 +203,10 @@ def test_conditions_table(tmp_path):
     write(path, table.replace(" [MPa]", ""))
     with pytest.raises(InputError, match="Druck.*no unit: is it MPa, kPa, bar or psi.*--unit initial_pressure=MPa"):
         import_tests(files, conditions=path)
+    for heading, first, asks in (("shot", 1, ".*name it sequence"), ("hardness", 2, " write it .*pure number")):
+        write(path, f"record,initial_pressure [MPa],v [m/s],{heading}\nshot0,1,0.4,{first}\nshot1,1,0.4,2\n")
+        with pytest.raises(InputError, match=f"column {heading}: the column has no unit:{asks}"):
+            import_tests(files, conditions=path)
     write(path, "record,initial_pressure [MPa],v [m/s],onset [ms]\nshot0,1,0.4,12.3\nshot1,1,0.4,12.3\n")
     campaign = import_tests(files, conditions=path)
     assert campaign.trace("shot0")["time"].iloc[0] == pytest.approx(-0.0123)

@@ -215,7 +215,8 @@ def ask_unit(column: str, quantity: str, name: str = "") -> str:
     usual, name = list_usual(quantity), name or quantity
     near = usual[0] if usual else "mm"
     asked = f"is it {join_words(usual, 'or')}? Write" if usual else "write"
-    return (f"{asked} it into the heading like '{column} [{near}]', or give --unit {name}={near} "
+    number = "" if usual else ", '[1]' for a pure number"
+    return (f"{asked} it into the heading like '{column} [{near}]'{number}, or give --unit {name}={near} "
             f'(in import.toml: units = {{ {name} = "{near}" }})')
 
 

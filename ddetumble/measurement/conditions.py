@@ -57,7 +57,9 @@ def _add_columns(plan: Plan, table: RawFile, path: Path, records: dict[str, str]
         unit = unit or ("1" if name == "sequence" else None)
         asked = "time" if name == "onset" else name
         if unit is None:
-            raise InputError(f"the column has no unit: {ask_unit(column, asked, name)}", file=table.file, column=column)
+            order = "; if it numbers the tests in the order in which they were made, name it sequence"
+            raise InputError(f"the column has no unit: {ask_unit(column, asked, name)}"
+                             + order * _is_order(table, column), file=table.file, column=column)
         checked = read_unit(unit, asked, table.file, column)
         values = checked.convert(convert_column(table, column, decimal=table.decimal))
         places = {key: {"file": table.file, "column": column, "row": table.lines[row]} for key, row in rows.items()}
@@ -99,6 +101,15 @@ def read_names(plan: Plan, pattern: str, records: dict[str, str]) -> None:
         values = {key: float(unit.convert(numbers[i])) for key, numbers in found.items()}
         plan.add(name, values, unit.si, "--name-pattern", {key: {"file": file} for key, file in records.items()})
     plan.notes.append(f"The file names gave {', '.join(f'{name} in {unit.text}' for name, unit in units.items())}.")
+
+
+def _is_order(table: RawFile, column: str) -> bool:
+    """Whether a column holds every number from 1 to that of its rows."""
+    try:
+        values = convert_column(table, column, decimal=table.decimal)
+    except InputError:
+        return False
+    return sorted(values) == list(range(1, len(values) + 1))
 
 
 def _match(table: Table, links: dict[str, str], records: dict[str, str]) -> dict[str, int]:
