@@ -1,6 +1,8 @@
 """The application, and what several commands share: arguments, options, and what `fit` and `sample` read by them."""
 
 import difflib
+import functools
+import inspect
 import re
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
@@ -12,6 +14,7 @@ import typer
 from .._errors import InputError
 from ..reference_models import list_names
 from .places import Output, locate_campaign, open_folder
+from .progress import quiet_now
 
 
 app = typer.Typer(name="ddetumble", add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False,
@@ -24,8 +27,29 @@ def show_examples(*lines: str) -> str:
 
 
 def command(name: str, summary: str, *examples: str) -> Callable:
-    """Make a function a command, with a summary for the list of all of them and examples without the program's name."""
-    return app.command(name, short_help=summary, epilog=show_examples(*(f"ddetumble {one}" for one in examples)))
+    """Make a function a command, with a summary for the list of all of them and examples without the program's name.
+
+    It takes `--quiet` beside its own options.
+    """
+    register = app.command(name, short_help=summary, epilog=show_examples(*(f"ddetumble {one}" for one in examples)))
+
+    def add(function: Callable) -> Callable:
+        @functools.wraps(function)
+        def run(*arguments, quiet: bool, **named):
+            token = quiet_now.set(quiet)
+            try:
+                return function(*arguments, **named)
+            finally:
+                quiet_now.reset(token)
+
+        own = inspect.signature(function)
+        last = inspect.Parameter("quiet", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Quiet)
+        vars(run)["__signature__"] = own.replace(parameters=[*own.parameters.values(), last])
+        run.__annotations__ = function.__annotations__ | {"quiet": Quiet}
+        register(run)
+        return function
+
+    return add
 
 
 def option(metavar: str, text: str, *names: str, **more: Any) -> Any:
@@ -62,6 +86,7 @@ Family = Annotated[str | None, option(
             "all.")]
 KeepAll = Annotated[bool, typer.Option(
     "--keep-all", help="Keep every record and every sample: faults are only reported.")]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print no progress.")]
 Overwrite = Annotated[bool, typer.Option(
     "--overwrite", help="Replace what is at the place that -o names; without it, that place must be new or empty.")]
 

@@ -104,6 +104,7 @@ def plan_impacts(
         from ..reports.plan import write_plan
 
         found = plan_scenario(asked, file.parent, file, progress=report)
+        report("writing the report")
         write_plan(found, out.draft)
     typer.echo(str(found))
     typer.echo(f"Written to {out.path}")
