@@ -86,9 +86,9 @@ def read_names(plan: Plan, pattern: str, records: dict[str, str]) -> None:
         if name in units:
             raise InputError(f"--name-pattern {pattern!r} contains {name} twice")
         if unit is None:
-            usual = list_usual(name) or ("mm",)
-            asked = f"is it {join_words(usual, 'or')}? Write" if len(usual) > 1 else "write"
-            raise InputError(f"--name-pattern does not state the unit of {name}: {asked} {{{name}:{usual[0]}}}")
+            usual = list_usual(name)
+            asked, near = (f"is it {join_words(usual, 'or')}? Write", usual[0]) if usual else ("write", "mm")
+            raise InputError(f"--name-pattern does not state the unit of {name}: {asked} {{{name}:{near}}}")
         units[name] = read_unit(unit, name, "--name-pattern", name)
         expression += r"([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)" + re.escape(after)
     found = {}
