@@ -7,6 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from .._display import AbstractPrinted, Progress
 from .._errors import InputError, error_place
 from .._sentences import say
@@ -126,6 +128,11 @@ class Plan(AbstractPrinted):
     def impacts(self) -> tuple[StrikePlan, ...]:
         """The impacts, in order."""
         return self.sequence.impacts
+
+    @property
+    def drift(self) -> float:
+        """Speed that all impacts together give the body's centre of mass [m/s]."""
+        return float(np.linalg.norm(sum((np.asarray(one.collision.velocity) for one in self.impacts), np.zeros(3))))
 
     @property
     def sentence(self) -> str:
