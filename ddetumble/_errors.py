@@ -21,7 +21,7 @@ def offer_names(name: str, known: Collection[str], what: str) -> str:
 
     `what` begins the list: `the keys are`.
     """
-    near = difflib.get_close_matches(name, known, n=1)
+    near = [one for one in known if one.endswith(f".{name}")] or difflib.get_close_matches(name, known, n=1)
     return f"{f'did you mean {near[0]}? {what.capitalize()}' if near else what} {', '.join(known)}"
 
 

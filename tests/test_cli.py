@@ -93,6 +93,19 @@ def test_bad_input(arguments, capsys, monkeypatch, tmp_path):
     assert output.out == "" and os.listdir(tmp_path) == ["file"]
 
 
+def test_a_misspelt_command_is_told_the_right_one(capsys):
+    assert main(["cmpare", "impact-b"]) == 2
+    told = capsys.readouterr().err
+    assert_sentence(told)
+    assert "compare'? `" in told
+
+
+def test_a_folder_of_raw_files_is_to_be_imported(capsys, tmp_path):
+    write_raw(tmp_path / "run.csv")
+    assert main(["discover", str(tmp_path), "-o", str(tmp_path / "out")]) == 2
+    assert "`ddetumble import`" in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
 @pytest.mark.study
 def test_the_demo_ends_with_a_plan(tmp_path, capsys):
     """The whole story as the README has it: discovery, and a strike with what was learnt."""

@@ -83,11 +83,23 @@ def test_every_key_that_is_misspelt_is_told_the_right_one(tmp_path, content, rea
         assert found.value.key == ".".join((*place, key + key[-1])) and found.value.file == str(path)
 
 
-def test_a_misspelt_parameter_of_a_fit(tmp_path):
+@pytest.mark.parametrize(("name", "meant"), [("effective_mas", "effective_mass"), ("tau_a", "adhesion.tau_a")])
+def test_a_misspelt_parameter_of_a_fit(tmp_path, name, meant):
+    """An effect's parameter by its own name, too."""
     path = tmp_path / "fit.toml"
-    path.write_text('schema = "ddetumble.fit/1"\ncampaign = "impact-b"\n[fixed]\neffective_mas = 1.0\n')
-    with pytest.raises(dd.InputError, match="did you mean effective_mass"):
+    path.write_text('schema = "ddetumble.fit/1"\ncampaign = "impact-b"\neffects = ["adhesion"]\n'
+                    f"[fixed]\n{name} = 1.0\n")
+    with pytest.raises(dd.InputError, match=f"did you mean {meant}\\?"):
         dd.fit(path)
+
+
+def test_a_model_beside_the_working_folder_and_not_the_scenario(tmp_path, monkeypatch):
+    (tmp_path / "fitted").mkdir()
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub" / "case.toml").write_text(SCENARIO + '[ball]\nmodel = "fitted"\n')
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(dd.InputError, match="from the folder of the scenario on, sub"):
+        dd.planning.read_scenario("sub/case.toml")
 
 
 @pytest.mark.parametrize(("text", "key"), [

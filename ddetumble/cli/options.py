@@ -1,6 +1,5 @@
 """The application, and what several commands share: arguments, options, and what `fit` and `sample` read by them."""
 
-import difflib
 import functools
 import inspect
 import re
@@ -11,7 +10,7 @@ from typing import Annotated, Any, NamedTuple
 
 import typer
 
-from .._errors import InputError
+from .._errors import InputError, offer_names
 from ..reference_models import list_names
 from .places import Output, locate_campaign, open_folder
 from .progress import quiet_now
@@ -187,9 +186,8 @@ def _read_choice(family: str, own: Path | None, model: str | None, effects: Sequ
 
 def _find_unit(option: str, name: str, units: dict[str, str]) -> str:
     if name not in units:
-        near = difflib.get_close_matches(name, units, n=1)
-        hint = f"; did you mean {near[0]}?" if near else f"; its parameters are {', '.join(units)}"
-        raise InputError(f"--{option}: there is no parameter {name!r} in this model{hint}")
+        raise InputError(f"--{option}: there is no parameter {name!r} in this model; "
+                         f"{offer_names(name, units, 'its parameters are')}")
     return units[name]
 
 

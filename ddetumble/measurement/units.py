@@ -173,7 +173,9 @@ def parse_quantity(text: str | float, quantity: str) -> float:
     """Read a value with its unit ("60 mm"), or a bare number where the quantity has no dimension, as finite SI."""
     number, rest = _split_number(text, quantity)
     if not rest and role_of(quantity) not in (None, "pure number"):
-        raise InputError(f"{quantity} needs a unit: write it like '{text} {si_unit(quantity)}'")
+        usual = list_usual(quantity)
+        more = f", if it is not in {', '.join(usual[1:])}" if usual[1:] else ""
+        raise InputError(f"{quantity} needs a unit: write it like '{text} {usual[0]}'{more}")
     value = float(check_unit(rest, quantity).convert(number))
     if not math.isfinite(value):
         raise InputError(f"{quantity} is not a finite number: {text!r}")

@@ -324,7 +324,8 @@ def _find_files(scenario: Scenario, here: Path) -> None:
     ball, table, own = scenario.ball, scenario.uncertainty, split_name(scenario.goal.function)
     for key, name in (("ball.model", ball.model), ("ball.friction_model", ball.friction_model)):
         if name and not (here / name).is_dir():
-            raise InputError(f"{name} is not a folder that fit or discover wrote", key=key)
+            there = f"; names count from the folder of the scenario on, {here}" if Path(name).is_dir() else ""
+            raise InputError(f"{name} is not a folder that fit or discover wrote{there}", key=key)
     if table is not None and table.fit and not (here / table.fit).exists():
         raise InputError(f"{table.fit} is not a folder that fit, sample, discover or average wrote",
                          key="uncertainty.fit")
