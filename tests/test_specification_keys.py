@@ -5,14 +5,17 @@ import subprocess
 import sys
 from typing import get_args, get_origin
 
+import numpy as np
 import pydantic
 import pytest
 from typer.testing import CliRunner
 
 import ddetumble as dd
 from ddetumble.cli import app
+from ddetumble.dynamics.bodies import Box, Cylinder, Sphere
+from ddetumble.dynamics.surfaces import make_debris
 from ddetumble.inference.specification import Specification
-from ddetumble.planning.scenario_file import Scenario
+from ddetumble.planning.scenario_file import FACES, Scenario
 
 
 SCENARIO = 'schema = "ddetumble.plan/1"\n[debris]\nangular_velocity = [0.1, 0.2, 0.0]\n'
@@ -106,6 +109,7 @@ def test_a_model_beside_the_working_folder_and_not_the_scenario(tmp_path, monkey
     ("mas = 5.0\n", "debris.mas"), ('[ball]\nmodel = "nowhere"\n', "ball.model"),
     ('[goal]\nfunction = "own.py:f"\n', "goal.function"), ('[uncertainty]\nfit = "nowhere"\n', "uncertainty.fit"),
     ("[arm]\nchaser = [0.0, 0.0, 0.0]\n", "arm.chaser"), ("[debris.", "not a TOML"),
+    ('[limits]\nfaces = ["top"]\n', "limits.faces"),
 ])  # fmt: skip
 def test_a_mistake_in_a_scenario_is_told_before_jax_is_imported(tmp_path, text, key):
     """Importing and compiling takes seconds; what the file itself shows needs neither."""
@@ -115,3 +119,8 @@ def test_a_mistake_in_a_scenario_is_told_before_jax_is_imported(tmp_path, text, 
                "sys.exit(code if 'jax' not in sys.modules else 9)")
     done = subprocess.run([sys.executable, "-c", program, str(path)], capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 2 and key in done.stderr and list(tmp_path.iterdir()) == [path]
+
+
+def test_faces_are_those_of_the_surfaces():
+    bodies = {"cylinder": Cylinder(1.0, 1.0, 2.0), "box": Box(1.0, np.ones(3)), "sphere": Sphere(1.0, 1.0)}
+    assert {name: make_debris(body).surface.face_names() for name, body in bodies.items()} == FACES

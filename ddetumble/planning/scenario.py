@@ -25,7 +25,7 @@ from ..inference.archive import load
 from ..inference.models import is_fitted
 from .draws import Laws, draw_laws, find_models, vary_law
 from .problem import Goal, Limits, StrikeProblem
-from .scenario_file import BallTable, DebrisTable, Scenario
+from .scenario_file import BallTable, DebrisTable, Scenario, check_faces
 
 
 # Kg, rolling mass of a ball that its mount keeps from turning: 1e9 times a ball's own, so that it stays still.
@@ -157,10 +157,7 @@ def pose_laws(scenario: Scenario, here: Path) -> Laws | None:
 
 def _find_faces(wanted: tuple[str, ...], names: tuple[str, ...]) -> np.ndarray:
     """Which faces are wanted, shape (faces,)."""
-    for name in wanted:
-        if name not in names:
-            shown = ", ".join(map(repr, names[:12])) + (", ..." if len(names) > 12 else "")
-            raise InputError(f"this body has no face {name!r}; its faces are {shown}", key="limits.faces")
+    check_faces(wanted, names)
     return np.isin(names, wanted)
 
 

@@ -4,6 +4,7 @@ All numbers are SI, or texts with a unit ("3 deg/s"), and angles in degrees wher
 key. Nothing here needs JAX, so that a mistake in a file is told at once.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -19,6 +20,9 @@ from ..measurement.units import convert_text
 
 
 SCHEMA = "ddetumble.plan/1"
+# Faces of the bodies that are no mesh, as their surfaces name them.
+FACES = {"cylinder": ("side", "upper end", "lower end"), "box": ("+x", "+y", "+z", "-x", "-y", "-z"),
+         "sphere": ("sphere",)}
 
 Number = StrictFloat | StrictInt
 Positive = Annotated[Number, Field(gt=0)]
@@ -316,7 +320,17 @@ def read_scenario(path) -> Scenario:
     scenario = read_settings(path, Scenario)
     with error_place(file=path):
         _find_files(scenario, path.parent)
+        if scenario.debris.shape in FACES:
+            check_faces(scenario.limits.faces, FACES[scenario.debris.shape])
     return scenario
+
+
+def check_faces(wanted: Sequence[str], names: Sequence[str]) -> None:
+    """Refuse faces that a body does not have."""
+    for name in wanted:
+        if name not in names:
+            shown = ", ".join(map(repr, names[:12])) + (", ..." if len(names) > 12 else "")
+            raise InputError(f"this body has no face {name!r}; its faces are {shown}", key="limits.faces")
 
 
 def _find_files(scenario: Scenario, here: Path) -> None:
