@@ -1,7 +1,9 @@
 """The two ways in which a command can fail: the input was bad, or the computation did not succeed."""
 
 import contextlib
+import difflib
 import functools
+from collections.abc import Collection
 
 
 # How the parts of a place are told, in this order.
@@ -12,6 +14,15 @@ def plain_text(text: str) -> str:
     """Make text printable on one line, whatever bytes a damaged file put into it."""
     text = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in " ".join(str(text).split()))
     return text if len(text) <= 600 else text[:597] + "..."
+
+
+def offer_names(name: str, known: Collection[str], what: str) -> str:
+    """What may stand in place of an unknown name: the nearest known one where one is near, and all of them.
+
+    `what` begins the list: `the keys are`.
+    """
+    near = [one for one in known if one.endswith(f".{name}")] or difflib.get_close_matches(name, known, n=1)
+    return f"{f'did you mean {near[0]}? {what.capitalize()}' if near else what} {', '.join(known)}"
 
 
 class InputError(ValueError):

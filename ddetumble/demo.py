@@ -56,7 +56,7 @@ def _plan_one(folder: Path, number: int) -> list[str]:
     """Plan a strike with the discovered model, this ball's impact of that number, and say how sure its effect is."""
     from .planning.measured import warn_of_extrapolation
     from .planning.plan import plan_scenario
-    from .planning.scenario import BallTable, UncertaintyTable, read_scenario
+    from .planning.scenario_file import BallTable, UncertaintyTable, read_scenario
     from .reports.plan import write_plan
 
     place = (folder / "discovery").resolve()

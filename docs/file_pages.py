@@ -1,7 +1,7 @@
 """Write `docs/scenario.md` and `docs/fit.md`, every key of the files that users write: `python -m docs.file_pages`.
 
-The keys, defaults and their meaning are read off `ddetumble.planning.scenario` and `ddetumble.inference.specification`,
-so that the pages cannot differ from what is checked.
+The keys, defaults and their meaning are read off `ddetumble.planning.scenario_file` and
+`ddetumble.inference.specification`, so that the pages cannot differ from what is checked.
 """
 
 import sys
@@ -11,7 +11,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from ddetumble.inference import specification
-from ddetumble.planning import scenario
+from ddetumble.planning import scenario_file as scenario
 
 
 FOLDER = Path(__file__).resolve().parent

@@ -20,7 +20,8 @@ import numpy as np
 
 from ddetumble import find_data
 from ddetumble.inference.files import list_versions, write_json
-from ddetumble.planning.scenario import SCHEMA, Scenario, pose_problem, read_scenario
+from ddetumble.planning.scenario import pose_problem
+from ddetumble.planning.scenario_file import SCHEMA, Scenario, read_scenario
 from ddetumble.planning.sequence import Sequence, plan_together
 
 

@@ -93,6 +93,19 @@ def test_bad_input(arguments, capsys, monkeypatch, tmp_path):
     assert output.out == "" and os.listdir(tmp_path) == ["file"]
 
 
+def test_a_misspelt_command_is_told_the_right_one(capsys):
+    assert main(["cmpare", "impact-b"]) == 2
+    told = capsys.readouterr().err
+    assert_sentence(told)
+    assert "compare'? `" in told
+
+
+def test_a_folder_of_raw_files_is_to_be_imported(capsys, tmp_path):
+    write_raw(tmp_path / "run.csv")
+    assert main(["discover", str(tmp_path), "-o", str(tmp_path / "out")]) == 2
+    assert "`ddetumble import`" in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
 @pytest.mark.study
 def test_the_demo_ends_with_a_plan(tmp_path, capsys):
     """The whole story as the README has it: discovery, and a strike with what was learnt."""
@@ -183,12 +196,32 @@ def test_warnings_become_notes(capsys):
     assert capsys.readouterr().err == "ddetumble: note: the first and the second line\n"
 
 
-def test_progress_is_quiet(capsys):
-    """In a pipe, progress says nothing."""
+def test_progress_in_a_pipe(capsys):
+    """A line a stage, which numbers and what follows a colon do not make another one; a dozen at most."""
     with show_progress("working") as report:
-        report("half", 0.5)
-        report("unknown")
-    assert capsys.readouterr() == ("", "")
+        for k in range(3):
+            report(f"step {k}: {k} of 3", k / 3)
+        report("drawing")
+        said = capsys.readouterr()
+        assert not said.out and "\r" not in said.err and len(said.err.splitlines()) == 2
+        assert "step 0" in said.err and "drawing" in said.err
+        for k in "abcdefghijklmnopqrst":
+            report(k)
+    assert len(capsys.readouterr().err.splitlines()) == 10
+
+
+@pytest.mark.parametrize("words", [[], ["--quiet"], ["-q"]])
+def test_progress_of_a_command(capsys, tmp_path, words):
+    """What long work is at goes to standard error, unless it is not wanted."""
+    (tmp_path / "case.toml").write_text("""schema = "ddetumble.plan/1"
+starts = 1
+[debris]
+angular_velocity = [0.06, 0.0, 0.0]
+""")
+    assert main(["plan", str(tmp_path / "case.toml"), "-o", str(tmp_path / "plan"), *words]) == 0
+    said = capsys.readouterr()
+    assert "Written to" in said.out and ("planning impact 1" in said.err) == (not words)
+    assert len(said.err.splitlines()) <= 12 if not words else said.err == ""
 
 
 def test_shipped_campaigns(capsys, monkeypatch, tmp_path):

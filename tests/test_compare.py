@@ -77,7 +77,8 @@ def test_missing(tmp_path, capsys):
     fixed = compare(campaign, refit=False)
     assert fixed.fitted == () and fixed.channels["ratio"][0] > found.channels["ratio"][0]
     assert main(["compare", str(tmp_path / "campaign"), "-o", str(tmp_path / "out")]) == 0
-    assert capsys.readouterr().out
+    told = capsys.readouterr().out  # and what to type next
+    assert f"ddetumble discover {tmp_path / 'campaign'}" in told and "ddetumble compare" not in told
     content = json.loads((tmp_path / "out" / "compare.json").read_text())
     assert content["sentence"] == found.sentence and len(content["records"]) == 12
     assert (tmp_path / "out" / "comparison.html").stat().st_size > 10000

@@ -169,6 +169,9 @@ def test_another_speed_is_proposed(rivals, tmp_path, capsys):
     written = json.loads((tmp_path / "next" / "design.json").read_text())
     best = written["proposals"][0]
     assert best["conditions"]["slip_speed"] == pytest.approx(2 * SPEED, rel=1e-2) and best["repeats"] == 1
+    # What lies outside what was measured is told beside the test, in the first sentence.
+    assert best["measured"]["slip_speed"] == [SPEED, SPEED] and set(best["measured"]) <= set(best["conditions"])
+    assert "outside the measured" in written["sentence"].split(": ")[0]
     assert written["rivals"] == ["viscous-friction", "adhesive-offset"]
     assert (tmp_path / "next" / "design.png").stat().st_size > 10_000
     # The two are the same force at the old speed: at twice that they differ by the whole offset, 0.4 N over 0.04 N a
@@ -189,7 +192,7 @@ def test_nothing_separates_is_said(rivals):
 def test_without_rivals_the_parameters_are_narrowed(rivals):
     """One model: nothing to separate; every parameter is known no worse after the test."""
     found = design(rivals / "rivals" / "1")
-    assert "nothing to separate" in found.sentence
+    assert found.rivals == ("adhesive-offset",)
     assert all(n.after <= n.before * (1 + 1e-9) for n in found.proposals[0].narrowings)
     assert found.proposals[0].narrowings[0].after < 0.8 * found.proposals[0].narrowings[0].before
 

@@ -308,7 +308,7 @@ def test_scores_add_up():
         "sure_in_set": (4, 6), "sure_pinned": (3, 6), "pairs_named": (2, 3), "sure_pairs_named": (2, 3),
         "triples_named": (1, 2),
         "outside_explained": (1, 3), "outside_unseen": (1, 3), "coverage": (7, 7),
-        "nulls_undecided": (1, 3),
+        "nulls_undecided": (1, 3), "undecided": (1, 18),
     }  # fmt: skip
     assert marks["cases"] == 18 and marks["failed"] == 1 and marks["set_size"] == pytest.approx((1 + 2 + 3 + 1 + 1) / 5)
     assert marks["heldout_over_noise"] == {"median": 0.25, "q90": 0.25, "largest": 0.25}
@@ -339,6 +339,16 @@ def test_scorecard_lists_every_failure(tmp_path):
     assert "a\\|&lt;b>" in readme and "it broke" in readme and "<b>" not in page and "a|&lt;b&gt;" in page
     assert (tmp_path / "power.png").read_bytes()[:4] == b"\x89PNG" and "](power.png)" in readme
     assert write_scorecard(Exam("slip", 3), [make_row(0)], tmp_path)["failures"] == []
+
+
+def test_an_exam_of_undecided_cases_says_so_before_it_says_that_there_are_no_false_alarms(tmp_path):
+    rows = [make_row(k, "nothing", "undecided") for k in range(3)]
+    card = write_scorecard(Exam("slip", 3), rows, tmp_path)
+    assert card["undecided"].count == card["undecided"].total == 3
+    first, second, *_ = card["sentence"].split(";")
+    assert card["false_alarms"].count == 0 and "all 3" in first and "0 of 3" in second
+    card = write_scorecard(Exam("slip", 3), [*rows, make_row(3)], tmp_path)
+    assert card["undecided"].count == 3 and "all" not in card["sentence"].split(";")[0]
 
 
 # ---- nothing is lost -----------------------------------------------------------------------------------------------
@@ -441,7 +451,7 @@ def test_a_cluster_loses_nothing(tmp_path):
 def test_malformed_options(arguments, says, tmp_path, capsys, monkeypatch):
     """One sentence, exit code 2, and no case is begun."""
     monkeypatch.setattr(running, "TIMEOUT", 1)
-    words = ["exam", "--family", "slip", "--cases", "2", "-o", str(tmp_path / "exam"), *arguments]
+    words = ["exam", "--quiet", "--family", "slip", "--cases", "2", "-o", str(tmp_path / "exam"), *arguments]
     assert main(words) == 2
     told = capsys.readouterr().err
     assert says in told and told.count("\n") == 1 and not (tmp_path / "exam").exists()

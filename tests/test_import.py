@@ -201,8 +201,12 @@ def test_conditions_table(tmp_path):
     with pytest.raises(InputError, match="line 4.*already has a row on line 2"):
         import_tests(files, conditions=path)
     write(path, table.replace(" [MPa]", ""))
-    with pytest.raises(InputError, match="Druck.*no unit"):
+    with pytest.raises(InputError, match="Druck.*no unit: is it MPa, kPa, bar or psi.*--unit initial_pressure=MPa"):
         import_tests(files, conditions=path)
+    for heading, first, asks in (("shot", 1, ".*name it sequence"), ("hardness", 2, " write it .*pure number")):
+        write(path, f"record,initial_pressure [MPa],v [m/s],{heading}\nshot0,1,0.4,{first}\nshot1,1,0.4,2\n")
+        with pytest.raises(InputError, match=f"column {heading}: the column has no unit:{asks}"):
+            import_tests(files, conditions=path)
     write(path, "record,initial_pressure [MPa],v [m/s],onset [ms]\nshot0,1,0.4,12.3\nshot1,1,0.4,12.3\n")
     campaign = import_tests(files, conditions=path)
     assert campaign.trace("shot0")["time"].iloc[0] == pytest.approx(-0.0123)
@@ -293,7 +297,8 @@ def spoilt(line, cells, headings=("t [s]", "Fz [N]")):
         (raw_text([TIME, FORCE], ["t [s]", "Fz [N]"]), {"family": "fall"}, "--family"),
         (raw_text([TIME, FORCE, FORCE], ["t [s]", "Fz [N]", "p [barg]"]), {}, "gauge .* --unit pressure=bar"),
         (raw_text([TIME, FORCE], ["t [s]", "Fz [N]"], decimal=","), {}, "line 1.*4 columns of data below 2 headings"),
-        (raw_text([TIME, FORCE], ["t", "F"]), {}, "column t: the unit is not stated"),
+        (raw_text([TIME, FORCE], ["t", "F"]), {}, "column t: .*, nor is that of F .force in N, kN or kgf.*s, ms "
+                                                  r"or us.*--unit time=s .*import.toml: units = \{ time = .s. \}"),
         ("t [ms];Fz [N]\n" + "".join(f"{i},125;{i},250\n" for i in range(1, 99)), {}, "--decimal"),
         ("t [ms];Fz [N]\n" + "".join(f"{i}.125;{i},25\n" for i in range(1, 99)), {}, "points and some commas"),
         ("t [ms];Fz [N]\n" + "".join(f"{i};1.00{i % 9},25\n" for i in range(1, 99)), {}, "thousands"),

@@ -309,6 +309,7 @@ def test_the_command_line(tmp_path, capsys, monkeypatch):
     assert (tmp_path / "ball" / "part-2" / "model.json").is_file() and (tmp_path / "ball" / "estimates.png").is_file()
     assert main(["fit", "part-1", "part-2", "--population"]) == 0
     assert (tmp_path / "part-1-population" / "population.json").is_file()
+    capsys.readouterr()
     for wrong in (["--own", "restitution"], ["part-2", "--population", "--own", "restitution"],
                   ["part-2", "--fix", "restitution=0.7"], ["part-2", "-e", "stribeck"]):
         assert main(["fit", "part-1", *wrong]) == 2

@@ -35,7 +35,8 @@ from ddetumble.planning.problem import (
     read_design,
     span_plane,
 )
-from ddetumble.planning.scenario import ErrorTable, find_scenario, mount_law, pose_laws, pose_problem, read_scenario
+from ddetumble.planning.scenario import mount_law, pose_laws, pose_problem
+from ddetumble.planning.scenario_file import ErrorTable, find_scenario, read_scenario
 from ddetumble.planning.sequence import (
     Sequence,
     bound_impacts,
@@ -427,6 +428,9 @@ def test_page_and_result_of_a_plan(tmp_path, capsys):
     np.testing.assert_allclose(np.array(impact["debris_velocity"]) * 1000.0, impact["impulse"], rtol=1e-9)
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert 'id="turning"' in page and "<b>&" not in page and "http" not in page.split("<script>")[1]
+    assert result["drift"] == pytest.approx(np.linalg.norm(impact["debris_velocity"]))
+    top = page.split("</header>")[0]  # what the satellite is given stands beside what it is left with
+    assert "drift" in top and f"{1e3 * result['drift']:.3g}" in top and f"{100 * result['share_left']:.2f}" in top
 
 
 @pytest.mark.parametrize("file", SCENARIOS, ids=lambda file: file.stem)
@@ -725,6 +729,8 @@ def test_a_problem_in_hand_is_planned_as_its_scenario_is(tmp_path):
                       progress=lambda text, share: told.append(share))
     assert by_file.settings == settings and told
     assert [one.score for one in by_hand.impacts] == [one.score for one in by_file.impacts]
+    given = np.sum([one.collision.impulse for one in by_hand.impacts], axis=0) / by_hand.problem.debris.mass
+    assert by_hand.drift == pytest.approx(np.linalg.norm(given), rel=1e-6)
     assert dd.report(by_hand, tmp_path).is_file() and by_hand.sentence in " ".join(str(by_hand).split("\n"))
     _, momentum, nutation = follow_plan(by_hand.problem, by_hand.sequence)
     still = np.linalg.norm(momentum, axis=1) < 1e-3 * np.linalg.norm(momentum[0])

@@ -22,7 +22,8 @@ from ddetumble.planning.execution import draw_errors, follow_errors, try_errors
 from ddetumble.planning.prices import price_limits
 from ddetumble.planning.problem import Goal, Limits, StrikeProblem, drift, score
 from ddetumble.planning.rules import compare_rules
-from ddetumble.planning.scenario import ErrorTable, pose_problem, read_scenario
+from ddetumble.planning.scenario import pose_problem
+from ddetumble.planning.scenario_file import ErrorTable, read_scenario
 from ddetumble.planning.single import compute_impact, compute_slopes, plan_strike
 from ddetumble.planning.uncertainty import find_tail
 

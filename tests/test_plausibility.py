@@ -8,7 +8,7 @@ import pytest
 
 import ddetumble as dd
 from ddetumble.planning.plausibility import check_scenario
-from ddetumble.planning.scenario import read_scenario
+from ddetumble.planning.scenario_file import read_scenario
 
 
 SHIPPED = [p for p in sorted(dd.find_data().iterdir()) if (p / "datapackage.json").is_file()

@@ -268,7 +268,8 @@ def test_readme_has_both_commands():
 def test_pages_of_keys_are_current(tmp_path):
     """They list the keys that are read, each with its meaning, and what they show can be read."""
     from ddetumble.inference.specification import read_specification
-    from ddetumble.planning.scenario import pose_problem, read_scenario
+    from ddetumble.planning.scenario import pose_problem
+    from ddetumble.planning.scenario_file import read_scenario
     from docs.file_pages import FIT, FOLDER, SCENARIO, write_pages
 
     examples = {}

@@ -25,7 +25,8 @@ from ddetumble.planning.constraints import CONSTRAINTS, evaluate, judge
 from ddetumble.planning.draws import draw_coordinates, draw_laws, draw_normals, draw_posterior, split_batch, vary_law
 from ddetumble.planning.problem import Goal, Limits, StrikeProblem, read_design, strike_debris
 from ddetumble.planning.robust import KEPT, RobustProblem, plan_robust_strike, smooth_tail
-from ddetumble.planning.scenario import pose_laws, pose_problem, read_scenario
+from ddetumble.planning.scenario import pose_laws, pose_problem
+from ddetumble.planning.scenario_file import read_scenario
 from ddetumble.planning.sequence import Sequence
 from ddetumble.planning.single import ALLOWED, plan_strike
 from ddetumble.planning.uncertainty import (

@@ -94,7 +94,7 @@ def test_every_start_ends_at_the_same_minimum(folder, fitted, start):
 def test_a_start_from_which_the_integration_breaks_down_tells_nothing_of_it(folder, fitted, tmp_path):
     start = {"stiffness_force": 0.6184, "exponent": 3.459, "restitution": 0.0911, "effective_mass": 9.779}
     given = [word for name, value in start.items() for word in ("--free", f"{name}={value}")]
-    done = subprocess.run([sys.executable, "-m", "ddetumble", "fit", str(folder), "-m", "power-law", *given, "-o",
+    done = subprocess.run([sys.executable, "-m", "ddetumble", "fit", str(folder), "-m", "power-law", *given, "-q", "-o",
                            str(tmp_path / "fit")], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0 and done.stderr == ""
     content = json.loads((tmp_path / "fit" / "fit.json").read_text(encoding="utf-8"))
@@ -125,7 +125,7 @@ def test_comparing_and_discovering_begin_there_too(folder):
     assert found.chi2_reduced < 1.3 and found.nrmse < 0.1
 
 
-def test_a_body_twenty_times_as_stiff_is_no_noise(tmp_path):
+def test_a_body_twenty_times_as_stiff_is_no_noise(tmp_path, capsys):
     """Pulses that no ball of that pressure makes, in five files with 0.4 N of noise: what the ball leaves is not taken
     for noise, and the reference model that comes nearer is found."""
     random, rows = np.random.default_rng(3), ["file,pressure [MPa],speed [m/s]"]
@@ -143,3 +143,7 @@ def test_a_body_twenty_times_as_stiff_is_no_noise(tmp_path):
     assert found.verdict in ("unexplained", "improved") and found.noise_nrmse < 0.02
     nearest = min(found.references, key=lambda one: one["nrmse"])
     assert nearest["model"] == "power-law" and nearest["nrmse"] < 0.2 * found.steps[0].nrmse
+    assert "-m power-law" in found.sentence  # what to type
+    dd.write_campaign(tmp_path / "stiff", campaign)
+    assert main(["compare", str(tmp_path / "stiff")]) == 0
+    assert f"ddetumble compare {tmp_path / 'stiff'} -m paper -m " in capsys.readouterr().out

@@ -1,12 +1,21 @@
-"""Keys that a TOML file does not have: the message lists those that it may have there."""
+"""Keys that a TOML file does not have: the message lists those that it may have there, the nearest one first."""
 
 import pickle
+import subprocess
+import sys
+from typing import get_args, get_origin
 
+import numpy as np
+import pydantic
 import pytest
 from typer.testing import CliRunner
 
 import ddetumble as dd
 from ddetumble.cli import app
+from ddetumble.dynamics.bodies import Box, Cylinder, Sphere
+from ddetumble.dynamics.surfaces import make_debris
+from ddetumble.inference.specification import Specification
+from ddetumble.planning.scenario_file import FACES, Scenario
 
 
 SCENARIO = 'schema = "ddetumble.plan/1"\n[debris]\nangular_velocity = [0.1, 0.2, 0.0]\n'
@@ -44,3 +53,74 @@ def test_an_error_keeps_its_place_between_processes():
     sent = dd.InputError("is none", file="a.toml", key="arm.mass", row=3)
     got = pickle.loads(pickle.dumps(sent))
     assert (got.problem, got.file, got.key, got.row, got.column) == ("is none", "a.toml", "arm.mass", 3, None)
+
+
+def list_places(table: type[pydantic.BaseModel], place: tuple[str, ...] = ()) -> list[tuple[tuple[str, ...], str]]:
+    """Every table and key that a file of this content may have, tables under a name of the user's own as `x`."""
+    found = []
+    for name, field in table.model_fields.items():
+        found.append((place, field.alias or name))
+        kinds = (field.annotation, *get_args(field.annotation))
+        own = next((kind for kind in kinds if isinstance(kind, type) and issubclass(kind, pydantic.BaseModel)), None)
+        if own is not None:
+            found += list_places(own, (*place, name, *(("x",) if field.annotation is not own and dict in
+                                                       {get_origin(field.annotation)} else ())))
+    return found
+
+
+@pytest.mark.parametrize(("content", "read"), [(Scenario, dd.plan), (Specification, dd.fit)], ids=["scenario", "fit"])
+def test_every_key_that_is_misspelt_is_told_the_right_one(tmp_path, content, read):
+    """The last letter twice; a table that is misspelt, too."""
+    path, places = tmp_path / "case.toml", list_places(content)
+    assert len(places) > 10
+    (schema,) = get_args(content.model_fields["schema_"].annotation)
+    for place, key in places:
+        if key == "schema":
+            continue
+        table = f"[{'.'.join(place)}]\n" if place else ""
+        if place[:1] == ("priors",):  # by one of its keys it is known that this is one
+            table += "sd = 1\n" if key == "mean" else "mean = 1\n"
+        path.write_text(f'schema = "{schema}"\n{table}{key}{key[-1]} = 1\n')
+        with pytest.raises(dd.InputError, match=f"did you mean {key}\\?") as found:
+            read(path)
+        assert found.value.key == ".".join((*place, key + key[-1])) and found.value.file == str(path)
+
+
+@pytest.mark.parametrize(("name", "meant"), [("effective_mas", "effective_mass"), ("tau_a", "adhesion.tau_a")])
+def test_a_misspelt_parameter_of_a_fit(tmp_path, name, meant):
+    """An effect's parameter by its own name, too."""
+    path = tmp_path / "fit.toml"
+    path.write_text('schema = "ddetumble.fit/1"\ncampaign = "impact-b"\neffects = ["adhesion"]\n'
+                    f"[fixed]\n{name} = 1.0\n")
+    with pytest.raises(dd.InputError, match=f"did you mean {meant}\\?"):
+        dd.fit(path)
+
+
+def test_a_model_beside_the_working_folder_and_not_the_scenario(tmp_path, monkeypatch):
+    (tmp_path / "fitted").mkdir()
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub" / "case.toml").write_text(SCENARIO + '[ball]\nmodel = "fitted"\n')
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(dd.InputError, match="from the folder of the scenario on, sub"):
+        dd.planning.read_scenario("sub/case.toml")
+
+
+@pytest.mark.parametrize(("text", "key"), [
+    ("mas = 5.0\n", "debris.mas"), ('[ball]\nmodel = "nowhere"\n', "ball.model"),
+    ('[goal]\nfunction = "own.py:f"\n', "goal.function"), ('[uncertainty]\nfit = "nowhere"\n', "uncertainty.fit"),
+    ("[arm]\nchaser = [0.0, 0.0, 0.0]\n", "arm.chaser"), ("[debris.", "not a TOML"),
+    ('[limits]\nfaces = ["top"]\n', "limits.faces"),
+])  # fmt: skip
+def test_a_mistake_in_a_scenario_is_told_before_jax_is_imported(tmp_path, text, key):
+    """Importing and compiling takes seconds; what the file itself shows needs neither."""
+    path = tmp_path / "scenario.toml"
+    path.write_text(SCENARIO + text)
+    program = ("import sys; from ddetumble.cli import main; code = main(['plan', sys.argv[1]]); "
+               "sys.exit(code if 'jax' not in sys.modules else 9)")
+    done = subprocess.run([sys.executable, "-c", program, str(path)], capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 2 and key in done.stderr and list(tmp_path.iterdir()) == [path]
+
+
+def test_faces_are_those_of_the_surfaces():
+    bodies = {"cylinder": Cylinder(1.0, 1.0, 2.0), "box": Box(1.0, np.ones(3)), "sphere": Sphere(1.0, 1.0)}
+    assert {name: make_debris(body).surface.face_names() for name, body in bodies.items()} == FACES

@@ -6,7 +6,15 @@ import pytest
 from ddetumble._errors import InputError
 from ddetumble.measurement import units
 from ddetumble.measurement.campaign import Uncertainty
-from ddetumble.measurement.units import check_unit, parse_quantity, parse_uncertainty, parse_unit, si_unit
+from ddetumble.measurement.units import (
+    ROLES,
+    check_unit,
+    list_usual,
+    parse_quantity,
+    parse_uncertainty,
+    parse_unit,
+    si_unit,
+)
 
 
 @pytest.mark.parametrize(
@@ -115,3 +123,11 @@ def test_quantities():
     for text in ("60", 60, "60 s", "sixty mm", "6,0 mm", "1e400 m"):
         with pytest.raises(InputError, match="outer_diameter"):
             parse_quantity(text, "outer_diameter")
+
+
+def test_usual_units_measure_what_they_are_offered_for():
+    for name in ROLES:
+        assert list_usual(name)
+        for unit in list_usual(name):
+            check_unit(unit, name)
+    assert list_usual("pad_hardness") == ()

@@ -87,7 +87,8 @@ def _explain(error: Any, words: Sequence[str]) -> int:
         message = _join(error.format_message()).rstrip(".")
         context = getattr(error, "ctx", None)
         command = context.command_path if context is not None else "ddetumble"
-        return tell(f"{message[:1].lower()}{message[1:]}; `{command} --help` shows the arguments, with an example.",
+        end = "" if message.endswith("?") else ";"
+        return tell(f"{message[:1].lower()}{message[1:]}{end} `{command} --help` shows the arguments, with an example.",
                     BAD_INPUT)
     if isinstance(error, MemoryError):
         return tell("there is not enough memory for this.", FAILED)

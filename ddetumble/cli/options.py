@@ -1,6 +1,7 @@
 """The application, and what several commands share: arguments, options, and what `fit` and `sample` read by them."""
 
-import difflib
+import functools
+import inspect
 import re
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
@@ -9,9 +10,10 @@ from typing import Annotated, Any, NamedTuple
 
 import typer
 
-from .._errors import InputError
+from .._errors import InputError, offer_names
 from ..reference_models import list_names
 from .places import Output, locate_campaign, open_folder
+from .progress import quiet_now
 
 
 app = typer.Typer(name="ddetumble", add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False,
@@ -24,8 +26,29 @@ def show_examples(*lines: str) -> str:
 
 
 def command(name: str, summary: str, *examples: str) -> Callable:
-    """Make a function a command, with a summary for the list of all of them and examples without the program's name."""
-    return app.command(name, short_help=summary, epilog=show_examples(*(f"ddetumble {one}" for one in examples)))
+    """Make a function a command, with a summary for the list of all of them and examples without the program's name.
+
+    It takes `--quiet` beside its own options.
+    """
+    register = app.command(name, short_help=summary, epilog=show_examples(*(f"ddetumble {one}" for one in examples)))
+
+    def add(function: Callable) -> Callable:
+        @functools.wraps(function)
+        def run(*arguments, quiet: bool, **named):
+            token = quiet_now.set(quiet)
+            try:
+                return function(*arguments, **named)
+            finally:
+                quiet_now.reset(token)
+
+        own = inspect.signature(function)
+        last = inspect.Parameter("quiet", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Quiet)
+        vars(run)["__signature__"] = own.replace(parameters=[*own.parameters.values(), last])
+        run.__annotations__ = function.__annotations__ | {"quiet": Quiet}
+        register(run)
+        return function
+
+    return add
 
 
 def option(metavar: str, text: str, *names: str, **more: Any) -> Any:
@@ -62,6 +85,7 @@ Family = Annotated[str | None, option(
             "all.")]
 KeepAll = Annotated[bool, typer.Option(
     "--keep-all", help="Keep every record and every sample: faults are only reported.")]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print no progress.")]
 Overwrite = Annotated[bool, typer.Option(
     "--overwrite", help="Replace what is at the place that -o names; without it, that place must be new or empty.")]
 
@@ -162,9 +186,8 @@ def _read_choice(family: str, own: Path | None, model: str | None, effects: Sequ
 
 def _find_unit(option: str, name: str, units: dict[str, str]) -> str:
     if name not in units:
-        near = difflib.get_close_matches(name, units, n=1)
-        hint = f"; did you mean {near[0]}?" if near else f"; its parameters are {', '.join(units)}"
-        raise InputError(f"--{option}: there is no parameter {name!r} in this model{hint}")
+        raise InputError(f"--{option}: there is no parameter {name!r} in this model; "
+                         f"{offer_names(name, units, 'its parameters are')}")
     return units[name]
 
 

@@ -94,12 +94,17 @@ def plan_impacts(
     overwrite: Overwrite = False,
 ):
     """Plan where, how fast, how hard and when to strike tumbling debris to reduce its angular momentum."""
-    from ..planning.plan import plan
-    from ..reports.plan import write_plan
+    from ..planning.scenario_file import find_scenario, read_scenario
 
+    file = find_scenario(scenario)
+    asked = read_scenario(file)  # before JAX is imported, which takes seconds
     with (open_folder(output or Path(f"{scenario.stem}-plan"), "plan", overwrite) as out,
           show_progress(f"planning {scenario.stem}") as report):
-        found = plan(scenario, progress=report)
+        from ..planning.plan import plan_scenario
+        from ..reports.plan import write_plan
+
+        found = plan_scenario(asked, file.parent, file, progress=report)
+        report("writing the report")
         write_plan(found, out.draft)
     typer.echo(str(found))
     typer.echo(f"Written to {out.path}")

@@ -1,20 +1,30 @@
-"""Progress of long work: a bar on a terminal, nothing in a pipe."""
+"""Progress of long work on standard error: a bar on a terminal, a few plain lines elsewhere, nothing if not wanted."""
 
 import math
 import os
+import re
 import sys
+import threading
+import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 
 from .interrupts import undone_by
 
 
 Report = Callable[..., None]
+quiet_now: ContextVar[bool] = ContextVar("quiet", default=False)  # whether a command is to print no progress
+MOST = 12  # lines of a command, so that a log stays readable
+AGAIN = 30.0  # s after which a stage that has been told is told once more, as a reader then wonders whether it goes on
 
 
 @contextmanager
 def show_progress(title: str) -> Iterator[Report]:
-    """Show what long work is at, on standard error, as long as that is a terminal.
+    """Show what long work is at, on standard error: on a terminal in a bar, elsewhere in a line at every stage.
+
+    A stage is what a message says before its first colon, whatever its numbers: `impact 2: 40 % left` is of the stage
+    of `impact 1: 70 % left`.
 
     Args:
         title: What is being done, until the work reports something.
@@ -22,8 +32,11 @@ def show_progress(title: str) -> Iterator[Report]:
     Yields:
         A function of a message and, if known, of the fraction done (0 to 1), for the work to call.
     """
-    if not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
+    if quiet_now.get():
         yield lambda message, fraction=None: None
+        return
+    if not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
+        yield _make_lines()
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -39,3 +52,23 @@ def show_progress(title: str) -> Iterator[Report]:
                             completed=fraction if known else None)
 
         yield report
+
+
+def _make_lines() -> Report:
+    """A report that prints a line where a stage begins, and again where it lasts, up to the most of them."""
+    lock, told, last = threading.Lock(), set(), 0.0
+    left = MOST
+
+    def report(message: str, fraction: float | None = None) -> None:
+        nonlocal left, last
+        stage = re.sub(r"\d+(\.\d+)?", "", message.partition(":")[0])
+        with lock:  # effects are tried in several threads
+            now = time.monotonic()
+            if not left or (stage in told and now - last < AGAIN):
+                return
+            left, last = left - 1, now
+            told.add(stage)
+            with suppress(OSError):  # nobody is listening
+                print(f"ddetumble: {message} …", file=sys.stderr, flush=True)
+
+    return report

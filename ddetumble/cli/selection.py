@@ -15,6 +15,7 @@ from .progress import show_progress
 
 if TYPE_CHECKING:
     from ..measurement.campaign import Campaign
+    from ..selection.compare import Comparison, Comparisons
 
 
 @command("compare", "Hold a model against measurements: where it fails, against the noise.",
@@ -49,6 +50,26 @@ def compare_models(
     typer.echo(str(result))
     if page is not None:
         typer.echo(f"Report: {page}")
+    for line in _list_further(result, campaign, models[0], measured):
+        typer.echo(line)
+
+
+def _list_further(result: "Comparison | Comparisons", campaign: str, model: str, measured: "Campaign") -> list[str]:
+    """Commands that go on from one model that fails: what is missing, and, where it fails by far, other models."""
+    from ..families import find_family, name_family
+    from ..selection.compare import Comparison
+    from ..selection.settings import DEFAULT
+
+    family = find_family(name_family(measured))
+    if not isinstance(result, Comparison) or not result.lack_of_fit.rejected or (
+            set(measured.channels) <= set(family.values)):  # which discover does not take
+        return []
+    found = [f"What is missing: ddetumble discover {campaign}" + f" -m {model}" * (model != "paper")]
+    others = [name for name, built in family.models.items() if built.rival and name != model]
+    if others and result.chi2_reduced > DEFAULT.far:
+        beside = " ".join(f"-m {name}" for name in (model, *others))
+        found.append(f"Other reference models beside it: ddetumble compare {campaign} {beside}")
+    return found
 
 
 def _extend(model: str, effects: Texts, path: Path | None, measured: "Campaign") -> list:
@@ -88,6 +109,7 @@ def discover_effects(
     with open_folder(target, "discover", overwrite) as out, show_progress(f"looking at {measured.name}") as report:
         from ..reports import write_report
         from ..selection.discover import discover
+        from ..selection.verdict_facts import find_nearer
 
         named, held = resolve_own(effect, effects_from)
         own = list(dict.fromkeys([*named, *held]))
@@ -98,6 +120,9 @@ def discover_effects(
         page = out.place(write_report(result, out.draft))
     typer.echo(str(result))
     typer.echo(f"Report: {page}")
+    near = find_nearer(result)
+    if near is not None:
+        typer.echo(f"To begin with the nearer reference model: ddetumble discover {campaign} -m {near['model']}")
     if result.steps[-1].alternatives:
         typer.echo(f"The test that tells them apart: ddetumble design {target}")
 

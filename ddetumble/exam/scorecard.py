@@ -12,13 +12,14 @@ from ..measurement.quantities import format_share
 from ..reports.page import Section, Table, draw_picture, write_bytes, write_page
 from .cases import Exam
 from .rehearsal import Rehearsal
-from .scoring import AIMS, SURE_STRENGTH, Row, describe_failure, score
+from .scoring import AIMS, SURE_STRENGTH, Row, Share, describe_failure, score
 
 
 CARD, PAGE, TEXT, FIGURE = "scorecard.json", "report.html", "README.md", "power"
 MOST = 400  # failures listed
 SURE = f"strength {SURE_STRENGTH:g} and more"
 SHARES = (  # mark, what it is, and its aim; marks of several names have a row each
+    ("undecided", "all cases: undecided", ""),
     ("false_alarms", "false alarms (nothing hidden)", "≤ 5 %"),
     ("false_alarms_by_noise", "– noise {}", "≤ 5 %"),
     ("false_alarms_by_fault", "– fault {}", ""),
@@ -62,7 +63,7 @@ def write_scorecard(exam: Exam | Rehearsal, rows: Sequence[Row], folder: Path | 
                  "bench_details": row.get("bench_details", {}), "what": what}
                 for row in rows if (what := describe_failure(row))]  # fmt: skip
     command = f"ddetumble exam {exam.options} --cases {max((r['index'] for r in rows), default=-1) + 1} -o DIR"
-    sentence = "; ".join([f"{marks['cases']} cases", *(
+    sentence = "; ".join([count_cases(marks["undecided"]), *(
         f"{text} {marks[key].count} of {marks[key].total}" for key, text in SUMMARY.items() if marks[key].total)]) + "."
     sections = describe(exam, command, marks, failures)
     if marks["singles_in_set"].total:
@@ -77,6 +78,14 @@ def write_scorecard(exam: Exam | Rehearsal, rows: Sequence[Row], folder: Path | 
                "failures": failures, "versions": list_versions()}  # fmt: skip
     write_json(folder / CARD, content)
     return content
+
+
+def count_cases(undecided: Share) -> str:
+    """How many cases there are, and of how many the verdict is open: such a one is no false alarm, and no answer."""
+    cases = f"{undecided.total} case{'s' * (undecided.total != 1)}"
+    if undecided.count == undecided.total > 0:
+        return f"Undecided in {'all ' * (undecided.total > 1)}{cases}"
+    return cases + (f", of which {undecided.count} undecided" if undecided.count else "")
 
 
 def describe(exam: Exam | Rehearsal, command: str, marks: Mapping[str, Any], failures: Sequence[Mapping[str, Any]]

@@ -178,7 +178,7 @@ def score(rows: Sequence[Row]) -> dict[str, Any]:
                       "named": count_share(own["in_set"]), "first": count_share(own["first"])})
     return {
         "cases": len(rows), "failed": int(sum(table["verdict"] == "failed")),
-        "refused": int(sum(table["verdict"] == "refused")),
+        "refused": int(sum(table["verdict"] == "refused")), "undecided": count_share(table["undecided"]),
         "right": dict(zip(KINDS, (count_share(own["right"]) for own in kinds), strict=True)),
         "right_by_fault": split_share(table, "fault", "right"),
         "reports_by_fault": split_share(table, "fault", "reported"),

@@ -57,7 +57,7 @@ def draw_next_test(found: Design):
     legend = head_figure(figure, list(map(key_line, COLOURS[: len(found.rivals)])),
                          [clean(rival, 40) for rival in found.rivals])
     # The title of an axes would widen its column.
-    legend.set_title(clean(f"The next test: {describe_test(best, found.limits)}", 150))
+    legend.set_title(clean(f"The next test: {describe_test(best, found.limits, ranges=False)}", 150))
     legend.set_alignment("left")
     return figure
 

@@ -187,14 +187,15 @@ class FittedModel:
 
     def outside(self, conditions: Mapping[str, float], slack: float = 0.05) -> list[str]:
         """Conditions that lie outside the campaign's range by more than `slack` of their value, each as a phrase."""
-        found = []
-        for name, (low, high) in self.ranges.items():
-            value = conditions.get(name)
-            if value is not None and name != "sequence" and not low - slack * abs(low) <= value <= high * (1 + slack):
-                unit = "" if self.units[name] == "1" else f" {self.units[name]}"
-                found.append(f"{name} = {value:g}{unit} lies outside the range of the campaign, {low:g} to "
-                             f"{high:g}{unit}")
-        return found
+        units = {name: "" if unit == "1" else f" {unit}" for name, unit in self.units.items()}
+        return [f"{name} = {conditions[name]:g}{units[name]} lies outside the range of the campaign, {low:g} to "
+                f"{high:g}{units[name]}" for name, (low, high) in self.exceeded(conditions, slack).items()]
+
+    def exceeded(self, conditions: Mapping[str, float], slack: float = 0.05) -> dict[str, tuple[float, float]]:
+        """Range of the campaign [SI] of every condition that lies outside it by more than `slack` of its value."""
+        return {name: (low, high) for name, (low, high) in self.ranges.items()
+                if name in conditions and name != "sequence"
+                and not low - slack * abs(low) <= conditions[name] <= high * (1 + slack)}
 
 
 class AbstractFitted(abc.ABC):

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from .._display import Progress
-from .._errors import ComputationError, InputError
+from .._errors import ComputationError, InputError, offer_names
 from ..contact.effect import AbstractEffect, is_absent, parameters_of, require_effect
 from ..families import find_family, name_family, open_campaign
 from ..measurement.campaign import Campaign
@@ -256,8 +256,8 @@ def _choose_free(assembly: Assembly, chosen: Sequence[type[AbstractEffect]], wan
     for section in ("free", "fixed", "priors", "bounds"):
         for name in getattr(wanted, section):
             if name not in space.index or (name not in usable and section != "fixed"):
-                raise InputError(f"there is no parameter {name!r} in this model; it has: {', '.join(usable)}",
-                                 key=section)
+                raise InputError(f"there is no parameter {name!r} in this model; "
+                                 f"{offer_names(name, usable, 'its parameters are')}", key=section)
             if section == "free" and name in wanted.fixed:
                 raise InputError(f"{name} is both free and fixed; leave one out", key=section)
     still = () if wanted.nuisances else [common.slot.name for common in space.commons]

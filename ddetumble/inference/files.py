@@ -18,7 +18,7 @@ import numpy as np
 import pydantic
 
 from .._display import AbstractPrinted
-from .._errors import InputError
+from .._errors import InputError, offer_names
 from ..measurement.tables import read_toml
 
 
@@ -129,17 +129,21 @@ def read_settings(path: Path, kind: type[Content], arrange: Callable[[dict], dic
     """
     content, sections = read_toml(path), sections or {}
     (schema,) = get_args(kind.model_fields["schema_"].annotation)
-    if content.get("schema") != schema:
-        raise InputError(f"the schema must be {schema!r}; it is {content.get('schema')!r}", file=path, key="schema")
+    if "schema" not in content:
+        raise InputError(f'is missing; begin the file with schema = "{schema}"', file=path, key="schema")
+    if content["schema"] != schema:
+        raise InputError(f"the schema must be {schema!r}; it is {content['schema']!r}", file=path, key="schema")
     try:
         return kind.model_validate(arrange(content))
     except pydantic.ValidationError as error:
         faults: dict[str, str] = {}
         for fault in sorted(error.errors(), key=lambda one: one["type"] != "extra_forbidden"):  # why others are missing
             place, message = fault["loc"], fault["msg"].removeprefix("Value error, ")
-            section = bool(place) and place[0] in sections
-            if fault["type"] == "extra_forbidden":
-                message = f"this is not a key here; the keys are {', '.join(_list_keys(kind, place[:-1]))}"
+            strange = fault["type"] == "extra_forbidden"
+            section = bool(place) and place[0] in sections and not strange
+            if strange:
+                keys = _list_keys(kind, place[:-1])
+                message = f"this is not a key here; {offer_names(str(place[-1]), keys, 'the keys are')}"
             elif fault["type"] == "missing":
                 message = "is missing"
             elif section:

@@ -10,7 +10,8 @@ from .._errors import InputError
 from .checks import GAUGE, Rows, check_values
 from .kinds import KINDS, RecordKind
 from .layout import RawFile, split_heading
-from .units import Unit, check_unit, parse_unit, si_unit
+from .quantities import join_words
+from .units import Unit, check_unit, list_usual, parse_unit, si_unit
 
 
 FRICTION_TEST = "if it is a friction test, give --family " + next(kind.name for kind in KINDS.values() if kind.path)
@@ -206,16 +207,51 @@ def _choose_by_unit(raw: RawFile, role: str, roles: dict[str, str], option: str,
                      + hint, file=raw.file)
 
 
-def find_unit(raw: RawFile, role: str, column: str, plan: Plan) -> Unit:
-    """Unit of a column, from --unit or its heading; refused where it does not measure the quantity."""
+def ask_unit(column: str, quantity: str, name: str = "") -> str:
+    """The question after the unit of a column: those in which its quantity is written, and where to say which it is.
+
+    `name` is that of the quantity in `--unit` (default: its own).
+    """
+    usual, name = list_usual(quantity), name or quantity
+    near = usual[0] if usual else "mm"
+    asked = f"is it {join_words(usual, 'or')}? Write" if usual else "write"
+    number = "" if usual else ", '[1]' for a pure number"
+    return (f"{asked} it into the heading like '{column} [{near}]'{number}, or give --unit {name}={near} "
+            f'(in import.toml: units = {{ {name} = "{near}" }})')
+
+
+def require_units(raw: RawFile, roles: Mapping[str, str], plan: Plan) -> None:
+    """Refuse a file of which columns state no unit, by heading or --unit: all of them are named, the first one's
+    question in full.
+    """
+    left = [(role, column) for role, column in roles.items()
+            if role != "record" and _find_text(raw, role, column, plan) is None]
+    if not left:
+        return
+    (role, column), *others = left
+    more = [f"{column} ({_shorten(role, plan)} in {join_words(list_usual(role) or ('mm',), 'or')})"
+            for role, column in others]
+    also = f", nor is that of {join_words(more, 'or')}" if more else ""
+    raise InputError(f"the unit is not stated{also}: {ask_unit(column, role, _shorten(role, plan))}", file=raw.file,
+                     column=column)
+
+
+def _shorten(role: str, plan: Plan) -> str:
+    """The name of a quantity in --unit."""
+    return "force" if role == plan.kind.main else role
+
+
+def _find_text(raw: RawFile, role: str, column: str, plan: Plan) -> str | None:
+    """Unit of a column as --unit or its heading states it."""
     given = {expand_role(split_heading(name)[0], plan.kind): unit for name, unit in plan.units.items()}
-    stated = raw.units[column]
-    text = plan.units.get(column) or given.get(role) or given.get(column) or stated
-    text = "1" if text is None and role == "sequence" else text
-    name = "force" if role == plan.kind.main else role
-    if text is None:
-        problem = f"the unit is not stated; give it, such as --unit {name}={si_unit(role)}"
-        raise InputError(problem, file=raw.file, column=column)
+    text = plan.units.get(column) or given.get(role) or given.get(column) or raw.units[column]
+    return "1" if text is None and role == "sequence" else text
+
+
+def find_unit(raw: RawFile, role: str, column: str, plan: Plan) -> Unit:
+    """Unit of a column, from --unit or its heading; refused where it states none, or does not measure the quantity."""
+    require_units(raw, {role: column}, plan)
+    text, stated, name = str(_find_text(raw, role, column, plan)), raw.units[column], _shorten(role, plan)
     if role == "normal_force" and _measures(text, "m/s^2"):
         if plan.mass is None:
             raise InputError(f"the column holds an acceleration; {WEIGHED} it to a force", file=raw.file, column=column)

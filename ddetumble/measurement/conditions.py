@@ -5,11 +5,12 @@ import unicodedata
 from pathlib import Path
 
 from .._errors import InputError, error_place
-from .columns import Plan, guess_condition, guess_role, is_counter, name_condition, read_unit
+from .columns import Plan, ask_unit, guess_condition, guess_role, is_counter, name_condition, read_unit
 from .layout import RawFile
+from .quantities import join_words
 from .recordings import read_files, split_sheet
 from .tables import Table, convert_column, read_texts
-from .units import ROLES, check_unit, si_unit
+from .units import ROLES, check_unit, list_usual
 
 
 LINKS = {"file": ("file", "filename", "datei", "fichier"), "record": ("record",)}  # headings of the test of a row
@@ -54,11 +55,12 @@ def _add_columns(plan: Plan, table: RawFile, path: Path, records: dict[str, str]
         name = role if role is not None and role in plan.kind.conditions else name_condition(column)
         unit = plan.units.get(column) or plan.units.get(name) or table.units[column]
         unit = unit or ("1" if name == "sequence" else None)
+        asked = "time" if name == "onset" else name
         if unit is None:
-            near = si_unit(role) if role is not None else "mm"
-            problem = f"the column has no unit; write it into the heading like '{column} [{near}]', or give --unit "
-            raise InputError(problem + f"{name}={near}", file=table.file, column=column)
-        checked = read_unit(unit, "time" if name == "onset" else name, table.file, column)
+            order = "; if it numbers the tests in the order in which they were made, name it sequence"
+            raise InputError(f"the column has no unit: {ask_unit(column, asked, name)}"
+                             + order * _is_order(table, column), file=table.file, column=column)
+        checked = read_unit(unit, asked, table.file, column)
         values = checked.convert(convert_column(table, column, decimal=table.decimal))
         places = {key: {"file": table.file, "column": column, "row": table.lines[row]} for key, row in rows.items()}
         found = {key: float(values[row]) for key, row in rows.items()}
@@ -84,7 +86,9 @@ def read_names(plan: Plan, pattern: str, records: dict[str, str]) -> None:
         if name in units:
             raise InputError(f"--name-pattern {pattern!r} contains {name} twice")
         if unit is None:
-            raise InputError(f"--name-pattern does not state the unit of {name}: write {{{name}:MPa}} or similar")
+            usual = list_usual(name)
+            asked, near = (f"is it {join_words(usual, 'or')}? Write", usual[0]) if usual else ("write", "mm")
+            raise InputError(f"--name-pattern does not state the unit of {name}: {asked} {{{name}:{near}}}")
         units[name] = read_unit(unit, name, "--name-pattern", name)
         expression += r"([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)" + re.escape(after)
     found = {}
@@ -97,6 +101,15 @@ def read_names(plan: Plan, pattern: str, records: dict[str, str]) -> None:
         values = {key: float(unit.convert(numbers[i])) for key, numbers in found.items()}
         plan.add(name, values, unit.si, "--name-pattern", {key: {"file": file} for key, file in records.items()})
     plan.notes.append(f"The file names gave {', '.join(f'{name} in {unit.text}' for name, unit in units.items())}.")
+
+
+def _is_order(table: RawFile, column: str) -> bool:
+    """Whether a column holds every number from 1 to that of its rows."""
+    try:
+        values = convert_column(table, column, decimal=table.decimal)
+    except InputError:
+        return False
+    return sorted(values) == list(range(1, len(values) + 1))
 
 
 def _match(table: Table, links: dict[str, str], records: dict[str, str]) -> dict[str, int]:

@@ -97,7 +97,8 @@ def find_descriptor(path) -> Path:
             path = locate_campaign(path)
             if path.is_dir():
                 if not (path / "datapackage.json").exists():
-                    raise InputError("there is no datapackage.json in this folder; is it a campaign?")
+                    raise InputError("there is no datapackage.json in this folder, so it is no campaign; `ddetumble "
+                                     "import` makes one of the files of a test bench")
                 return path / "datapackage.json"
             if not path.exists():
                 raise InputError("there is no such campaign folder; check the path")

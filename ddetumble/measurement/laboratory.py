@@ -15,7 +15,16 @@ from . import alignment
 from .alignment import RawTest
 from .campaign import Campaign, Column
 from .checks import check_keys, check_record, check_values, read_known, refuse_large
-from .columns import FRICTION_TEST, Plan, choose_columns, expand_role, find_unit, make_plan, read_pairs
+from .columns import (
+    FRICTION_TEST,
+    Plan,
+    choose_columns,
+    expand_role,
+    find_unit,
+    make_plan,
+    read_pairs,
+    require_units,
+)
 from .conditions import read_conditions, read_names
 from .faults import find_truncated
 from .kinds import DEFAULT_KIND, RecordKind, find_kind, take_kind
@@ -266,6 +275,7 @@ def _read_tests(raw: RawFile, plan: Plan) -> list[RawTest]:
     left = ", ".join(column for column in raw.columns if column not in roles.values())
     raw = raw.join(roles.values())
     plan.notes += raw.notes
+    require_units(raw, roles, plan)
     independent = next(name for name in kind.independents if name in roles)
     for role, column in roles.items():
         if role == "record":

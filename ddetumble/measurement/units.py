@@ -43,6 +43,10 @@ _HINTS = {"mpa": "MPa", "kpa": "kPa", "pa": "Pa", "kn": "kN", "n": "N", "mn": "m
 # Kinds of quantities and their SI units.
 _KINDS = {"pressure": "Pa", "speed": "m/s", "force": "N", "length": "m", "time": "s", "angular velocity": "rad/s",
           "mass": "kg", "temperature": "K", "impulse": "N*s", "pure number": "1"}
+# Those in which test benches write them, the likeliest first.
+_USUAL = {"pressure": "MPa kPa bar psi", "speed": "m/s mm/s", "force": "N kN kgf", "length": "mm m", "time": "s ms us",
+          "angular velocity": "rad/s deg/s rpm", "mass": "kg g", "temperature": "degC K", "impulse": "N*s",
+          "pure number": "1 %"}
 _ROLES = {
     "pressure": "initial_pressure internal_pressure pressure ambient_pressure tensile_strength real_contact_pressure "
     "contour_pressure composite_modulus elastic_modulus",
@@ -109,6 +113,11 @@ def si_unit(quantity: str) -> str:
     return _KINDS[role_of(quantity) or "pure number"]
 
 
+def list_usual(quantity: str) -> tuple[str, ...]:
+    """Units in which test benches write a quantity, the likeliest first; none where its name does not say its kind."""
+    return tuple(_USUAL.get(role_of(quantity) or "", "").split())
+
+
 @lru_cache(maxsize=512)
 def parse_unit(text: str) -> Unit:
     """Read a unit; what is none is refused, and one whose zero or scale is not plain (decibels)."""
@@ -164,7 +173,9 @@ def parse_quantity(text: str | float, quantity: str) -> float:
     """Read a value with its unit ("60 mm"), or a bare number where the quantity has no dimension, as finite SI."""
     number, rest = _split_number(text, quantity)
     if not rest and role_of(quantity) not in (None, "pure number"):
-        raise InputError(f"{quantity} needs a unit: write it like '{text} {si_unit(quantity)}'")
+        usual = list_usual(quantity)
+        more = f", if it is not in {', '.join(usual[1:])}" if usual[1:] else ""
+        raise InputError(f"{quantity} needs a unit: write it like '{text} {usual[0]}'{more}")
     value = float(check_unit(rest, quantity).convert(number))
     if not math.isfinite(value):
         raise InputError(f"{quantity} is not a finite number: {text!r}")

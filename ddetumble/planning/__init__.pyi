@@ -8,7 +8,7 @@ from .draws import draw_laws as draw_laws
 from .plan import PlanSettings as PlanSettings
 from .problem import Goal as Goal
 from .problem import Limits as Limits
-from .scenario import read_scenario as read_scenario
+from .scenario_file import read_scenario as read_scenario
 from .single import StrikePlan as StrikePlan
 
 __all__: list[str]

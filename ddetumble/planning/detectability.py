@@ -156,7 +156,7 @@ def map_effects(plan: Campaign | str | Path, model: Model = "paper", *, effects:
                 shapes[n] = float(origin[k])
         found = find_size(bench.problem, solution, origin, name, goal)
         done.append(1)
-        report(f"looking for {effect.id}", 0.1 + 0.85 * len(done) / len(jobs))
+        report(f"looking for every effect: {effect.id}", 0.1 + 0.85 * len(done) / len(jobs))
         return None if found is None or not np.isfinite(found.size) else _Seen(effect.id, shapes, found)
 
     seen = [one for one in map_threads(find, jobs) if one is not None]

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from .._errors import InputError
+from .._errors import InputError, offer_names
 from ..contact.effect import parameters_of, read_field
 from ..contact.gripping import StrikeLaw
 from ..inference.archive import AbstractFitted, FittedModel, load, take_fitted
@@ -220,8 +220,8 @@ def vary_law(law: StrikeLaw, stated: Mapping[str, tuple[float | None, float]],
     roots, sds = np.zeros((len(names), len(space))), np.zeros(len(names))
     for row, (name, (mean, sd)) in enumerate(stated.items()):
         if name not in space.index:
-            raise InputError(f"there is no parameter {name!r} in this model; its parameters are: "
-                             f"{', '.join(space.index)}", key="uncertainty.parameters")
+            raise InputError(f"there is no parameter {name!r} in this model; "
+                             f"{offer_names(name, space.index, 'its parameters are')}", key="uncertainty.parameters")
         k = space.index[name]
         transform = space.parameter(name).transform
         try:

@@ -13,7 +13,7 @@ from ..dynamics.collision import Collision
 from .draws import draw_normals, split_batch
 from .errors import NAMES, err
 from .problem import Design, StrikeProblem, measure_share, read_design, strike_debris
-from .scenario import ErrorTable
+from .scenario_file import ErrorTable
 from .single import StrikePlan
 
 

@@ -20,7 +20,7 @@ from ..measurement.quantities import describe_quantity, join_words
 from .draws import find_models
 from .next_test import say_value
 from .problem import StrikeProblem
-from .scenario import Scenario
+from .scenario_file import Scenario
 from .single import StrikePlan
 
 

@@ -38,6 +38,7 @@ from .setting_ranges import Extra, Limit, Range, list_extras, set_limits
 
 MOST = 30  # repeats beyond which a test is no proposal: nobody makes more
 STEPS = 15  # of the refit that checks a separation: more end a difficult refit, at the price of time
+SLACK = 0.02  # of its value, by which a condition may leave the measured range before this is told, as in predictions
 EDGE = 5e-3  # fraction of its range within which a condition stands at a limit: what an optimiser leaves of it
 # Tests that climb together, and those looked at before the climb: more find a better one more often, at their price.
 STARTS, SCAN = 8, 32
@@ -77,6 +78,7 @@ class Proposal:
     """One test."""
 
     conditions: Mapping[str, float]  # SI, by name
+    measured: Mapping[str, tuple[float, float]]  # ranges of the campaign, SI, of those conditions that lie outside them
     extra: Extra | None  # channel to add, or None
     pairs: tuple[Pair, ...]  # of rivals, the worst first; empty where there is one model only
     repeats: int | None  # after which every pair that can be told apart is; None where no pair can
@@ -240,8 +242,9 @@ def _propose(preview: Preview, mask: np.ndarray, x: np.ndarray, extra: Extra | N
     kept = [c for c, used in enumerate(mask) if used > 0]
     channels = tuple(preview.channels[c] for c in kept)
     noise = {} if extra is None else dict.fromkeys(extra.channels, extra.sd)
+    conditions = {name: float(v) for name, v in zip(preview.names, values, strict=True)}
     return Proposal(
-        {name: float(v) for name, v in zip(preview.names, values, strict=True)}, extra, tuple(pairs),
+        conditions, saved.exceeded(conditions, SLACK), extra, tuple(pairs),
         max((pair.repeats for pair in pairs if pair.repeats is not None), default=None), edge,
         _narrow(saved, found) if len(names) == 1 else (), np.asarray(preview.time), channels,
         {name: found.at.channels[k][kept] for k, name in enumerate(names)},
@@ -301,17 +304,20 @@ def _explain(found: Design, saved: FittedModel) -> Design:
         "plan.next_test_notes", best=best, others=[(one, describe_test(one, found.limits)) for one in others],
         alone=len(found.rivals) == 1, most=MOST, ranges=[_describe_limit(one) for one in found.limits if one.free],
         held=[_describe_limit(one) for one in found.limits if not one.free], at_limit=best.at_limit,
-        outside=saved.outside(best.conditions, slack=0.02),  # as in predictions
         assumed=[f"{one.extra.name} {one.extra.sd:g} {one.extra.unit}".removesuffix(" 1") for one in found.proposals
                  if one.extra is not None and one.extra.assumed])
     return dc.replace(found, sentence=str(sentence), notes=tuple(notes))
 
 
-def describe_test(proposal: Proposal, limits: Sequence[Limit]) -> str:
-    """`at pressure 0.6 MPa and approach speed 0.9 m/s, with the channel pressure added`."""
+def describe_test(proposal: Proposal, limits: Sequence[Limit], *, ranges: bool = True) -> str:
+    """`at pressure 0.6 MPa and approach speed 0.9 m/s (outside the measured 0.2 to 0.5 m/s), with the channel pressure
+    added`; without the measured `ranges` where they are not wanted.
+    """
     named = {limit.name: limit for limit in limits}
     chosen = {name for one in list_families() for name in one.plan.chosen}
-    at = join_words([f"{describe_quantity(n).name} {say_value(n, value, named[n].unit)}"
+    beyond = {n: f" (outside the measured {_say_range(n, *ends, named[n].unit)})"
+              for n, ends in proposal.measured.items() if ranges}
+    at = join_words([f"{describe_quantity(n).name} {say_value(n, value, named[n].unit)}{beyond.get(n, '')}"
                      for n, value in proposal.conditions.items()
                      if n != "sequence" and (named[n].free or n in chosen)])
     extra = proposal.extra
@@ -327,5 +333,10 @@ def say_value(name: str, value: float, unit: str) -> str:
 
 
 def _describe_limit(limit: Limit) -> str:
-    low, high = (say_value(limit.name, end, limit.unit) for end in (limit.low, limit.high))
-    return f"{describe_quantity(limit.name).name} " + (f"{low.split()[0]} to {high}" if limit.free else high)
+    return f"{describe_quantity(limit.name).name} {_say_range(limit.name, limit.low, limit.high, limit.unit)}"
+
+
+def _say_range(name: str, low: float, high: float, unit: str) -> str:
+    """A range of a condition, a single value where its ends are one."""
+    first, last = (say_value(name, end, unit) for end in (low, high))
+    return f"{first.split()[0]} to {last}" if low < high else last

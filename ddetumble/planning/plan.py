@@ -7,6 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from .._display import AbstractPrinted, Progress
 from .._errors import InputError, error_place
 from .._sentences import say
@@ -31,7 +33,8 @@ from .prices import Price, price_limits
 from .problem import StrikeProblem
 from .robust import plan_robust_strike
 from .rules import Blow, compare_rules
-from .scenario import ErrorTable, Scenario, find_scenario, pose_laws, pose_problem, read_scenario
+from .scenario import pose_laws, pose_problem
+from .scenario_file import ErrorTable, Scenario, find_scenario, read_scenario
 from .sequence import Sequence, plan_together
 from .single import LEAST_GAIN, STARTS, StrikePlan
 from .uncertainty import Assessment, Prospect, assess_plan, assess_sequence
@@ -125,6 +128,11 @@ class Plan(AbstractPrinted):
     def impacts(self) -> tuple[StrikePlan, ...]:
         """The impacts, in order."""
         return self.sequence.impacts
+
+    @property
+    def drift(self) -> float:
+        """Speed that all impacts together give the body's centre of mass [m/s]."""
+        return float(np.linalg.norm(sum((np.asarray(one.collision.velocity) for one in self.impacts), np.zeros(3))))
 
     @property
     def sentence(self) -> str:

@@ -6,7 +6,8 @@ import numpy as np
 
 from ..dynamics.surfaces import make_debris
 from ..measurement.plausibility import RANGES, Implausibility
-from .scenario import Scenario, make_body
+from .scenario import make_body
+from .scenario_file import Scenario
 
 
 # From the smallest CubeSats to beyond the largest satellites, for which no scenario of one ball is meant [m].

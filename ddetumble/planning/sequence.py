@@ -200,6 +200,7 @@ def plan_sequence(problem: StrikeProblem, share: float, most: int, *, starts: in
     impacts: list[StrikePlan] = []
     refused = None
     while left > share and len(impacts) < most:
+        tell(f"planning impact {len(impacts) + 1}: {100 * left:.2f} % of the angular momentum left", math.nan)
         try:
             plan = plan_strike(now, starts=starts, seed=seed + len(impacts), near=[one.place for one in impacts[-1:]])
         except ComputationError:
@@ -213,7 +214,6 @@ def plan_sequence(problem: StrikeProblem, share: float, most: int, *, starts: in
             break
         impacts.append(plan)
         left = measure_share(problem, plan.collision.angular_velocity)
-        tell(f"impact {len(impacts)}: {100 * left:.2f} % left", math.nan)
         now = now.begin_at(plan.collision.attitude, plan.collision.angular_velocity)
     relaxations = ()
     if refused is not None and not impacts and not refused.missed:
@@ -367,7 +367,7 @@ def plan_together(problem: StrikeProblem, share: float, most: int, *, aim: Aim =
 
     def change(sequence: Sequence, wanted: str, told: str) -> Sequence:
         """All impacts together; `joint` says what was aimed at, beside what those of `found` came to."""
-        tell(f"{len(sequence.impacts)} impacts together", math.nan)
+        tell(f"planning {len(sequence.impacts)} impacts together", math.nan)
         again = refine_sequence(problem, sequence, share, wanted)
         assert again.joint is not None
         return dc.replace(again, joint=dc.replace(again.joint, aim=told, alone=found.outcome))
@@ -396,7 +396,7 @@ def plan_together(problem: StrikeProblem, share: float, most: int, *, aim: Aim =
     low, high = np.asarray(problem.limits.window)
     for part in WINDOWS if aim == "time" else ():
         late = low + part * (high - low)
-        tell(f"waits of at most {late:.0f} s", math.nan)
+        tell(f"trying waits of at most {late:.0f} s", math.nan)
         hasty = eqx.tree_at(lambda p: p.limits.window, problem, jnp.asarray([low, late]))
         other = plan_sequence(hasty, share, most, starts=starts, seed=seed, progress=progress)
         if other.reached:

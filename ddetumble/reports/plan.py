@@ -172,7 +172,7 @@ def write_plan(plan: Plan, folder) -> Path:
         "schema": SCHEMA, "scenario": plan.source, "title": plan.title, "sentence": plan.sentence,
         "possible": True if impacts else None if best is not None and best.missed else False,
         "reached": sequence.reached, "wanted_share": settings.share,
-        "share_left": sequence.left,
+        "share_left": sequence.left, "drift": plan.drift,
         "impulse": sequence.impulse, "duration": sequence.duration, "joint": sequence.joint,
         "relaxations": sequence.relaxations, "fewest_impacts": sequence.bound or None, "axial_share": sequence.floor,
         "impacts": impacts,
@@ -228,9 +228,23 @@ def write_plan(plan: Plan, folder) -> Path:
         sentence += " " + (assessment.sentences[0] if prospect is None else prospect.sentence)
     if impacts:
         sections.append(_show_proofs(sequence, impacts))
-    page = write_page(plan.title or "Planned impacts", sentence, sections, folder)
+    page = write_page(plan.title or "Planned impacts", sentence, sections, folder, facts=_list_facts(plan))
     write_json(Path(folder) / "plan.json", result)
     return page
+
+
+def _list_facts(plan: Plan) -> list[tuple[str, str, str]]:
+    """What the impacts leave, what they give the body, and what they take; nothing without an impact."""
+    found, erring = plan.sequence, plan.erring
+    if not found.impacts:
+        return []
+    left, given, count = "", "", len(found.impacts)
+    if erring is not None:
+        left = f"{100 * erring.mean:.2f} % on average with errors"
+        given = f"{1e3 * erring.drift[0]:.3g} ± {1e3 * erring.drift[1]:.2g} mm/s with errors"
+    return [("angular momentum left", f"{100 * found.left:.2f} %", left),
+            ("drift given to the body", f"{1e3 * plan.drift:.3g} mm/s", given),
+            ("impulse", f"{found.impulse:.4g} N s", f"of {count} impact{'s' * (count > 1)}")]
 
 
 def _show_problem(plan: Plan) -> Section:
@@ -302,14 +316,10 @@ def _show_errors(plan: Plan) -> Section:
         size = "" if one.error == "all" else f"{scale * one.size:.3g} {unit}"
         rows.append([NAMES.get(one.error, "all together"), size, f"{100 * one.mean:.2f}", f"{100 * one.q95:.2f}",
                      f"{100 * one.missed:.0f}", f"{100 * one.violated:.0f}"])
-    drift, spread = plan.spreads[-1].drift
-    speed = float(np.linalg.norm(plan.sequence.impacts[0].collision.velocity))
     told = [f"The first impact leaves {100 * own:.2f} % if all goes as planned. Each error below is drawn "
             f"{plan.settings.errors.draws} times with its standard deviation ([errors] in the scenario); a ball that "
             "misses, or meets an edge, leaves all of the momentum.",
-            *([] if plan.settings.errors.plan_for == "best" else [WORDS[plan.settings.errors.plan_for]]),
-            f"The blow gives the body {1e3 * speed:.3g} mm/s of drift as planned, {1e3 * drift:.3g} ± "
-            f"{1e3 * spread:.2g} mm/s over all draws."]
+            *([] if plan.settings.errors.plan_for == "best" else [WORDS[plan.settings.errors.plan_for]])]
     if plan.settings.chaser_mass:
         recoil = float(np.linalg.norm(plan.sequence.impacts[0].collision.impulse)) / plan.settings.chaser_mass
         told.append(f"A chaser of {plan.settings.chaser_mass:g} kg recoils with {1e3 * recoil:.3g} mm/s.")

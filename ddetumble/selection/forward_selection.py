@@ -249,7 +249,7 @@ def try_effects(selection: SelectionProblem, current: Fitted, scores: Sequence[S
         fitted = selection.fit((*current.effects, effect), [start], before.solution.u, before.solution.z,
                                screening=True)
         done.append(effect)
-        report(f"refitting with {effect}", min(len(done) / count, 1.0))
+        report(f"refitting with every effect: {effect}", min(len(done) / count, 1.0))
         return fitted
 
     def go_on(fitted):

@@ -1,7 +1,7 @@
 """What the sentences of a verdict are made from: facts of a discovery or comparison, told by `ddetumble._sentences`."""
 
 import dataclasses as dc
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -87,6 +87,15 @@ def _list_allowed(found: Discovery) -> dict[str, Any]:
             "loose": [_describe_spread(one) for one in found.spread]}
 
 
+def find_nearer(found: Discovery) -> Mapping[str, Any] | None:
+    """The other reference model, as `references` has it, to begin with where the verdict is open and it comes far
+    nearer; None where there is none.
+    """
+    near = min((r for r in found.references if r["model"] != found.model), key=lambda r: r["nrmse"], default=None)
+    return near if (near is not None and found.verdict in OPEN
+                    and near["nrmse"] < found.settings.nearer * found.steps[-1].nrmse) else None
+
+
 def tell_discovery(found: Discovery, family: Family, left_out: Sequence[str], units: bool, asked: str) -> Sentence:
     """The sentence of a verdict.
 
@@ -111,11 +120,11 @@ def tell_discovery(found: Discovery, family: Family, left_out: Sequence[str], un
             for effects in dict.fromkeys(one.effects for one in found.biases):
                 alike = [_describe_bias(one) for one in found.biases if one.effects == effects]
                 parts.append(say("verdict.biased", biases=alike, effects=list(effects)))
-        near = min((r for r in found.references if r["model"] != found.model), key=lambda r: r["nrmse"], default=None)
-        if (near is not None and found.verdict in OPEN
-                and near["nrmse"] < found.settings.nearer * found.steps[-1].nrmse):
-            parts.append(say("verdict.nearer_reference", model=repr(near["model"]), text=near["text"].rstrip("."),
-                             effects=near["effects"], ratio=near["nrmse"] / max(found.noise_nrmse, 1e-300)))
+        near = find_nearer(found)
+        if near is not None:
+            parts.append(say("verdict.nearer_reference", model=near["model"], text=near["text"].rstrip("."),
+                             effects=near["effects"], ratio=near["nrmse"] / max(found.noise_nrmse, 1e-300),
+                             campaign=found.campaign or "CAMPAIGN"))
         if allowed := _list_allowed(found):
             parts.append(say("verdict.allowances", **allowed))
         if found.verdict in OPEN and found.where:
