@@ -124,7 +124,8 @@ def test_smallest_of_several_p_values(values):
 
 
 @pytest.mark.parametrize(("verdict", "kind", "expected"), [
-    ("unexplained", "doubtful", "undecided"), ("improved", "doubtful", "undecided"), ("explained", "doubtful", "explained"),
+    ("unexplained", "doubtful", "undecided"), ("improved", "doubtful", "undecided"),
+    ("explained", "doubtful", "explained"),
     ("nothing-missing", "doubtful", "nothing-missing"), ("unexplained", "gain", "unexplained"),
 ])
 def test_no_open_verdict_rests_on_one_record(verdict, kind, expected):
