@@ -10,7 +10,7 @@ import pytest
 
 import ddetumble as dd
 from ddetumble import figures
-from ddetumble.figures import canvas, planning
+from ddetumble.figures import planning
 from ddetumble.figures.style import SpacedLocator, apply_style, new_axes
 from ddetumble.figures.traces import find_stretch
 from ddetumble.measurement.quantities import describe_quantity, shorten_names, typeset
@@ -190,30 +190,6 @@ def test_plans_have_room(narrow):
     draws = {"gas-leak": np.linspace(0.343, 0.347, 32), "pressure-dependent-restitution": np.linspace(0.341, 0.345, 32)}
     check_layout(planning.draw_outlook(draws, 0.345, 0.347, narrow=narrow))
     assert planning.draw_motion(100.0 * time, momentum, time, [28.0]).axes[1].get_xlabel() == "time [h]"
-
-
-@pytest.mark.parametrize("narrow", [False, True])
-def test_pictures_are_those_that_matplotlib_draws(narrow, monkeypatch):
-    """To the pixel; also on a logarithmic scale, with turned words, and where a figure is changed and drawn again."""
-    traces, found = make_pulses(12), make_slip_discovery()
-    models = {"reference model": traces, LONG: [dc.replace(one, model=0.98 * one.model) for one in traces]}
-
-    def draw():
-        drawn = [figures.draw_fit(models, count=2, narrow=narrow), figures.draw_dependence(models, narrow=narrow),
-                 figures.draw_record_errors(models, narrow=narrow), figures.draw_error_by_step(found, narrow=narrow),
-                 figures.draw_parameters({"model": found.steps[0]}, narrow=narrow)]
-        with apply_style():
-            figure, axes = new_axes(2.0, 4.0, yscale="log", ylim=(0.03, 40.0), ylabel="force")
-            axes.set_xticks(range(4), ["none", "some", "more", "all"], rotation=30, fontsize=7)
-        pictures = [figures.render_png(one) for one in (*drawn, figure)]
-        axes.set(ylim=(0.5, 2e4), xlim=(-1.0, 5.0))
-        axes.tick_params(labelcolor="red")
-        return [*pictures, figures.render_png(figure)]
-
-    quick = draw()
-    assert quick[-1] != quick[-2]
-    monkeypatch.setattr(canvas, "KNOWN", ())  # of every release as of one that has not been compared
-    assert quick == draw()
 
 
 def test_names_are_short_and_distinct():

@@ -19,7 +19,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from .canvas import draw_figure
 from .palette import AFTER, BEFORE, FAINT, FLOOR, GREY, INK, MORE
 
 
@@ -203,10 +202,10 @@ def render_image(figure, dpi: int = 160) -> "Pixels":
     """A figure as pixels."""
     from PIL import Image
 
-    before = figure.dpi
+    before, canvas = figure.dpi, FigureCanvasAgg(figure)
     with apply_style():
         figure.dpi = dpi
-        canvas = draw_figure(figure)  # `savefig` lays the figure out, and draws it, twice
+        canvas.draw()  # `savefig` lays the figure out, and draws it, twice
         image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
         figure.dpi = before
     return image
