@@ -1,9 +1,9 @@
-"""From the shell's point of view: the first ever `ddetumble discover`, the second one, and `ddetumble --help`.
+"""From the shell's point of view: the first ever `fit`, `compare` and `discover`, the second ones, and `--help`.
 
     python -m benchmarks.startup [CAMPAIGN] [--repeats 3] [-o result.json]
 
 Every run is a process of its own. The first one finds an empty folder for compiled programs, the second one what the
-first one left there.
+first one of that command left there. Each writes its folder with page and figures.
 """
 
 import argparse
@@ -19,6 +19,9 @@ from benchmarks.records import ROOT, describe_machine, print_table, summarise, w
 from ddetumble import read_campaign
 
 
+COMMANDS = ("fit", "compare", "discover")
+
+
 def main(arguments=None):
     """Run all and print a table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.startup", description=__doc__.splitlines()[0])
@@ -30,24 +33,24 @@ def main(arguments=None):
     if options.repeats < 1:
         parser.error("repeats are 1 or more")
     campaign, machine = locate(options.campaign), describe_machine()
-    times = {"help": [], "first": [], "second": []}
     run(["--help"])  # the operating system has the files at hand from here on
-    for _ in range(max(options.repeats, 5)):
-        times["help"].append(run(["--help"]))
+    shown = [run(["--help"]) for _ in range(max(options.repeats, 5))]
+    times = {name: {"first": [], "second": []} for name in COMMANDS}
     for k in range(options.repeats):
-        print(f"first and second discover, {k + 1} of {options.repeats} ...", file=sys.stderr, flush=True)
-        with tempfile.TemporaryDirectory() as folder:
-            command = ["discover", str(campaign), "-o", str(Path(folder) / "discovery"), "--overwrite"]
-            cache = str(Path(folder) / "cache")
-            times["first"].append(run(command, cache))
-            times["second"].append(run(command, cache))
+        for name in COMMANDS:
+            print(f"first and second {name}, {k + 1} of {options.repeats} ...", file=sys.stderr, flush=True)
+            with tempfile.TemporaryDirectory() as folder:
+                command = [name, str(campaign), "-o", str(Path(folder) / "found"), "--overwrite"]
+                for start in times[name]:
+                    times[name][start].append(run(command, str(Path(folder) / "cache")))
     result = {"benchmark": "startup", "campaign": describe_size(read_campaign(campaign)), "machine": machine,
-              **{name: summarise(seconds) for name, seconds in times.items()}}  # fmt: skip
-    names = {"help": "ddetumble --help", "first": "first discover, nothing compiled", "second": "second discover"}
+              "help": summarise(shown),
+              "commands": {name: {start: summarise(one) for start, one in own.items()} for name, own in times.items()}}
     print(f"{result['campaign']}, {machine['cores']} cores")
-    print_table(("", "median", "runs [s]"), [
-        (names[key], f"{result[key]['median_s']:.2f} s", " ".join(f"{one:.2f}" for one in result[key]["runs_s"]))
-        for key in names])  # fmt: skip
+    print_table(("", "first [s]", "second [s]"), [
+        ("--help", "", f"{result['help']['median_s']:.2f}"),
+        *((name, *(f"{own[start]['median_s']:.2f}" for start in ("first", "second")))
+          for name, own in result["commands"].items())])
     write_result(result, options.output)
     return result
 

@@ -46,9 +46,10 @@ def write_tables(results):
         parts.append(write_table(header, rows))
     started = [one for one in results if one["benchmark"] == "startup"]
     if started:
-        rows = [(one["campaign"], *(f"{one[key]['median_s']:.2f}" for key in ("help", "first", "second")))
-                for one in started]
-        parts.append(write_table(("campaign", "`--help` [s]", "first `discover` [s]", "second [s]"), rows))
+        rows = [(one["campaign"], f"`{name}`", *(f"{own[start]['median_s']:.1f}" for start in ("first", "second")))
+                for one in started for name, own in one["commands"].items()]
+        rows += [(one["campaign"], "`--help`", "", f"{one['help']['median_s']:.2f}") for one in started]
+        parts.append(write_table(("campaign", "command", "first start ever [s]", "second [s]"), rows))
     sampled = [one for one in results if one["benchmark"] == "sample"]
     if sampled:
         rows = [(one["campaign"], one["effect"], one["records"], one["free"], f"{one['ours_per_second']:.0f}",
