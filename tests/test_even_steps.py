@@ -135,7 +135,6 @@ def test_body_of_the_whole_catalogue():
         np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-11)
 
 
-@pytest.mark.skipif(jax.__version_info__ < (0, 11), reason="jax 0.10 joins loops by another name")
 @pytest.mark.parametrize("batched", [False, True], ids=["derivatives of one", "a batch"])
 def test_one_kernel_a_loop(batched):
     """XLA makes one kernel of each loop in time, and of all but the outermost of a batch."""
