@@ -41,7 +41,8 @@ def integrate_evenly(field: Callable[[Any, Array, Array], Array], given: Any, st
                      reverse: bool = False) -> Array:
     r"""Solution of $\dot y = f(g, t, y)$, $y(t_0) = y_0$, at the wanted times, shape (times, states).
 
-    Dormand and Prince's method of order 8 on the mesh, Hermite polynomials of degree 7 through its nodes between them.
+    Prince and Dormand's method of order 8 (J. Comput. Appl. Math. 7 (1981) 67) on the mesh, Hermite polynomials of
+    degree 7 through its nodes between them.
     Batch with `jax.vmap`; differentiate in forward mode (`jax.jvp`, `jax.jacfwd`) by `given`, `start` and `time`.
 
     Args:

@@ -90,8 +90,8 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
         report("trying the other reference models", 0.88)
         others = _search_beside(_fit_references(asked, begin, state, path.steps[0].fitted, settings), settings)
         # Where no condition can be left out, nothing confirms the effects beside another reference model: only one that
-        # needs none of them counts. Of several the one with the fewest parameters; one with more than an effect beyond
-        # physics takes that leaves no misfit (a wrong unit or range) only imitates it.
+        # needs none of them counts. Of several the one with the fewest parameters. Where effects beyond physics leave
+        # no misfit, as a wrong range does, another model with more parameters than theirs only imitates them.
         last = path.steps[-1]
         fewest = np.inf if last.lack.rejected else len(last.fitted.solution.names)
         good = {n: other.steps[-1].fitted for n, other in others.items()
@@ -271,7 +271,7 @@ def _conclude(path: Path, questions: bool, report: Progress) -> Conclusion:
 def _doubt_record(end: Conclusion, state: Cleaned) -> Conclusion:
     """The same, undecided where a misfit rests on one record alone that nothing repeats: the others leave nothing."""
     if end.verdict in OPEN and any(fault.kind == "doubtful" for fault in state.faults):
-        return dc.replace(end, verdict="undecided", steps=end.steps[:1], where=[], missing=None)
+        return dc.replace(end, verdict="undecided", steps=end.steps[:1], where=[], missing=None, biases=())
     return end
 
 

@@ -73,8 +73,8 @@ def _find_worst(selection: SelectionProblem, fitted: Fitted, out: set[int]) -> S
             or (len(kept) <= limits.fewest and own.excess < limits.farther * usual)):
         return None
     diagnosis = diagnose(selection, aside)
-    # What softens reads more in the first test than in its repeats, not less.
-    enclosed = is_enclosed(selection, aside, softens=diagnosis.gain >= 1.0)
+    # A ball that softens reads more in the first test than in its repeats, not less; friction may grow as rubber wears.
+    enclosed = is_enclosed(selection, aside, softens=diagnosis.gain >= 1.0 or not selection.family.has_contact)
     alone = selection.family.free_running or diagnosis.kind == "gain"
     sure = enclosed or diagnosis.kind == "unit" or (alone and own.excess > limits.far * usual)
     if not sure and not fine:

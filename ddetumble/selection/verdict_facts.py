@@ -123,8 +123,7 @@ def tell_discovery(found: Discovery, family: Family, left_out: Sequence[str], un
         near = find_nearer(found)
         if near is not None:
             parts.append(say("verdict.nearer_reference", model=near["model"], text=near["text"].rstrip("."),
-                             effects=near["effects"], ratio=near["nrmse"] / max(found.noise_nrmse, 1e-300),
-                             campaign=found.campaign or "CAMPAIGN"))
+                             effects=near["effects"], ratio=near["nrmse"] / max(found.noise_nrmse, 1e-300)))
         if allowed := _list_allowed(found):
             parts.append(say("verdict.allowances", **allowed))
         if found.verdict in OPEN and found.where:
@@ -149,7 +148,7 @@ def tell_discovery(found: Discovery, family: Family, left_out: Sequence[str], un
     out = sorted({key for f in found.faults if f.left_out for key in f.records})
     if out:
         parts.append(say("verdict.left_out", records=out))
-    if found.verdict not in ("nothing-missing", "undecided"):
+    if found.verdict != "nothing-missing" and not _rests_on_record(found):
         parts += [say("verdict.one_record", record=record) for record in _list_doubtful(found)]
     return join_sentences(*parts)
 
@@ -157,6 +156,12 @@ def tell_discovery(found: Discovery, family: Family, left_out: Sequence[str], un
 def _list_doubtful(found: Discovery) -> list[str]:
     """Records that may be faulty, or show what shows nowhere else."""
     return [fault.records[0] for fault in found.faults if fault.kind == "doubtful"]
+
+
+def _rests_on_record(found: Discovery) -> bool:
+    """Whether a verdict is undecided because of one record that may be faulty, and for no other reason."""
+    return (found.verdict == "undecided" and found.steps[0].lack_of_fit.rejected and not found.biases
+            and found.rounding is None and not found.irregular and bool(_list_doubtful(found)))
 
 
 def list_notes(found: Discovery, family: Family, left_out: Sequence[str], asked: str, undrawn: str,
@@ -221,8 +226,8 @@ def _tell_verdict(found: Discovery, family: Family, folds: str) -> Sentence:
     if found.verdict == "undecided" and found.biases:
         return say("verdict.bias_or_effect", model=model, before=before, p=p, bias=_describe_bias(found.biases[0]),
                    effects=list(found.biases[0].effects))
-    if found.verdict == "undecided" and lack.rejected and (doubtful := _list_doubtful(found)):
-        return say("verdict.one_record_or_more", model=model, before=before, p=p, record=doubtful[0])
+    if _rests_on_record(found):
+        return say("verdict.one_record_or_more", model=model, before=before, p=p, record=_list_doubtful(found)[0])
     if found.verdict == "undecided" and found.rounding is not None:
         return say("verdict.rounding", model=model, before=before, p=p, effects=list(found.rounding.effects),
                    channels=list(found.rounding.digits))
