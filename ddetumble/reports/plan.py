@@ -234,17 +234,20 @@ def write_plan(plan: Plan, folder) -> Path:
 
 
 def _list_facts(plan: Plan) -> list[tuple[str, str, str]]:
-    """What the impacts leave, what they give the body, and what they take; nothing without an impact."""
+    """What the impacts leave and what they give the body, on average with errors where these were drawn, and what they
+    take; nothing without an impact.
+    """
     found, erring = plan.sequence, plan.erring
     if not found.impacts:
         return []
-    left, given, count = "", "", len(found.impacts)
+    left = f"{100 * found.left:.2f} %" if found.left >= 1e-4 else "less than 0.01 %"
+    drift, count = f"{1e3 * plan.drift:.3g} mm/s", len(found.impacts)
+    facts = [("angular momentum left", left, ""), ("drift given to the body", drift, "")]
     if erring is not None:
-        left = f"{100 * erring.mean:.2f} % on average with errors"
-        given = f"{1e3 * erring.drift[0]:.3g} ± {1e3 * erring.drift[1]:.2g} mm/s with errors"
-    return [("angular momentum left", f"{100 * found.left:.2f} %", left),
-            ("drift given to the body", f"{1e3 * plan.drift:.3g} mm/s", given),
-            ("impulse", f"{found.impulse:.4g} N s", f"of {count} impact{'s' * (count > 1)}")]
+        mean, spread = (1e3 * part for part in erring.drift)
+        facts = [("angular momentum left", f"{100 * erring.mean:.2f} %", f"on average with errors; {left} without"),
+                 ("drift given to the body", f"{mean:.3g} ± {spread:.2g} mm/s", f"with errors; {drift} without")]
+    return [*facts, ("impulse", f"{found.impulse:.4g} N s", f"of {count} impact{'s' * (count > 1)}")]
 
 
 def _show_problem(plan: Plan) -> Section:
