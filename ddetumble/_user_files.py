@@ -6,6 +6,7 @@ at the same place or with the same content: data that came from elsewhere run no
 
 import hashlib
 import os
+import shlex
 import sys
 import types
 from contextlib import suppress
@@ -93,7 +94,8 @@ def require_trust(path: Path, named_by: Path) -> None:
     digest, place = hashlib.sha256(_read(path)).hexdigest(), str(path.resolve())
     if not any(line.startswith(digest) or line.partition(" ")[2] == place for line in _list_lines()):
         raise InputError(f"it names the Python file {path}, which would be run, but which you have never named "
-                         f"yourself; read it and, if it may be run, enter: ddetumble trust {path}", file=named_by)
+                         f"yourself; read it and, if it may be run, enter: ddetumble trust {shlex.quote(str(path))}",
+                         file=named_by)
 
 
 _TRUSTED: set[str] = set()  # of this process, whether or not they could be written down

@@ -1,5 +1,6 @@
 """The whole story on shipped data: a table of the paper, a campaign with a hidden effect, a strike with the result."""
 
+import shlex
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -43,8 +44,8 @@ def run_demo(folder: Path | str, echo: Callable[[str], None] = print) -> Path:
     found.save(folder / "discovery")
     report = write_report(found, folder / "discovery")
     echo("")
-    echo(f"4. The extended model predicts other tests:  ddetumble predict {folder / 'discovery'} CONDITIONS.csv "
-         "-o predictions.csv")
+    quoted = shlex.quote(str(folder / "discovery"))
+    echo(f"4. The extended model predicts other tests:  ddetumble predict {quoted} CONDITIONS.csv -o predictions.csv")
     echo("")
     echo("5. One strike with this ball on the stage of Table 6:")
     tell(_plan_one(folder, count))

@@ -9,6 +9,7 @@ import pytest
 from ddetumble import InputError
 from ddetumble._settings import find_data
 from ddetumble.cli import main
+from ddetumble.exam.cases import Exam, sample_case, write_case
 from ddetumble.exam.simulators.campaigns import write_package
 from ddetumble.exam.simulators.impact_campaigns import make_campaign
 from ddetumble.exam.simulators.noise import draw_noise
@@ -515,3 +516,20 @@ def test_fit_says_and_the_missing_force_leaves_out(clean, tmp_path):
     kept = draw_missing_force(folder, catalogue=False, keep_all=True)
     # What is kept goes into the noise, too, so that chi-square grows by less than the spikes themselves.
     assert kept.reference > drawn.reference + 5.0 * np.sqrt(2.0 * drawn.reference)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("asked", "verdict", "effects", "left_out"), [
+    ((Exam("slip", 82, ("one", "two", "outside"), bench="drawn"), 23), "explained", ("load-exponent",), True),
+    ((Exam("slip", 141, ("one",), bench="drawn"), 1), "undecided", (), False)])
+def test_a_wrong_record_beside_wandering_baselines_hides_no_effect(tmp_path, asked, verdict, effects, left_out):
+    """A load exponent, baselines that wander and one record in a wrong range, from the second simulator: that record is
+    left out, or, where none lies beyond it, the question stays open; baselines never stand for all three."""
+    case = sample_case(*asked)
+    kept = write_case(asked[0], case, tmp_path)
+    found = discover(tmp_path)
+    assert (list(case.effects), case.bench, case.fault) == (["load-exponent"], ("wander",), "wrong-record")
+    assert (found.verdict, found.effects) == (verdict, effects)
+    wrong = [fault for fault in found.faults if fault.kind in ("gain", "doubtful")]
+    key = read_campaign(tmp_path).record_keys[kept["fault_details"]["record"]]
+    assert [fault.records for fault in wrong] == [(key,)] and wrong[0].left_out == left_out

@@ -276,7 +276,7 @@ class Told:
 
     def find(self):
         """Whether a record is found and sure; None where there is none."""
-        found = outliers._find_worst(self.selection, SimpleNamespace(solution=None), set())
+        found = outliers._find_worst(self.selection, SimpleNamespace(solution=None, effects=()), set())
         assert found is None or found.key == "r1"
         return None if found is None else found.sure
 
@@ -521,17 +521,18 @@ def test_a_culprit_stands_in_the_way_of_an_effect():
 
 def test_when_nobody_is_the_culprit():
     assert culprit_of(None) == (None, [])  # the misfit is in all records alike
-    # Half of it has to be in the one, noise left aside: with a removal of so much as it makes, or more.
+    # So much of it has to be in the one, noise left aside: half, or three times what one of eight would take.
     selection, fitted = fit_toy(make_selection(5, {"ripple.a": 0.4}, spoil=rumble(3, size=6.0)))
     excess = sum(m.total - m.degrees for m in (measure_record(selection, fitted.solution, r) for r in range(8)))
     rest = set_aside(selection, fitted.solution, 3).rest
     removed = 1.0 - (rest.total - rest.degrees) / excess
     for share, asked in ((removed - 1e-3, 1), (removed + 1e-3, 0)):
-        limits = SelectionSettings(outliers=OutlierSettings(removed=share))
-        assert len(culprit_of(rumble(3, size=6.0), settings=limits)[1]) == asked
+        for limits in (OutlierSettings(removed=share, carried=8.0), OutlierSettings(removed=1.0, carried=8.0 * share)):
+            assert len(culprit_of(rumble(3, size=6.0), settings=SelectionSettings(outliers=limits))[1]) == asked
     found, asked = culprit_of(rumble(3, size=6.0), answer=False)
     assert found is None and len(asked) == 1
-    assert culprit_of(rumble(3, size=6.0), settings=SelectionSettings(outliers=OutlierSettings(removed=1.0)))[1] == []
+    settings = SelectionSettings(outliers=OutlierSettings(removed=1.0, carried=8.0))
+    assert culprit_of(rumble(3, size=6.0), settings=settings)[1] == []
     assert culprit_of(rumble(3, size=6.0), settings=SelectionSettings(outliers=OutlierSettings(p_value=0.0)))[1] == []
     assert culprit_of(rumble(3, size=6.0), settings=SelectionSettings(outliers=OutlierSettings(fewest=8)))[1] == []
     assert len(culprit_of(rumble(3, size=6.0), settings=SelectionSettings(outliers=OutlierSettings(fewest=7)))[1]) == 1

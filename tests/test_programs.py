@@ -119,18 +119,18 @@ def test_the_chosen_device_decides(folder, monkeypatch):
 
 
 @pytest.mark.slow
-def test_the_second_command_compiles_nothing(tmp_path):
-    """A fit in a new process finds all of its programs, the small ones too, where the first one left them."""
+def test_a_filled_cache_leaves_nothing_to_compile(tmp_path):
+    """A search in a new process finds all programs, the small ones too, where another of its size left them."""
     code = ("import sys, jax\n"
             "missed = []\n"
             "jax.monitoring.register_event_listener(lambda name, **_: missed.append(name))\n"
             "from ddetumble.cli import main\n"
-            "assert main(['fit', 'slip-c', '-o', sys.argv[1]]) == 0\n"
+            "assert main(sys.argv[1:]) == 0\n"
             "print('misses', sum(name.endswith('/cache_misses') for name in missed))")
     environment = {**os.environ, "JAX_COMPILATION_CACHE_DIR": str(tmp_path / "cache")}
     counts = []
-    for name in ("first", "second"):
-        done = subprocess.run([sys.executable, "-c", code, tmp_path / name], env=environment, capture_output=True,
+    for words in (["cache", "fill", "slip-a"], ["discover", "slip-c", "-o", tmp_path / "found"]):
+        done = subprocess.run([sys.executable, "-c", code, *words], env=environment, capture_output=True,
                               text=True)
         assert done.returncode == 0, done.stderr
         counts.append(int(done.stdout.split("misses ")[1].split()[0]))

@@ -123,16 +123,18 @@ def test_smallest_of_several_p_values(values):
     assert combine_p_values(values) == pytest.approx(min(len(values) * min(values), 1.0))
 
 
-@pytest.mark.parametrize(("verdict", "kind", "expected"), [
-    ("unexplained", "doubtful", "undecided"), ("improved", "doubtful", "undecided"),
-    ("explained", "doubtful", "explained"),
-    ("nothing-missing", "doubtful", "nothing-missing"), ("unexplained", "gain", "unexplained"),
+@pytest.mark.parametrize(("verdict", "kind", "wander", "expected"), [
+    ("unexplained", "doubtful", False, "undecided"), ("improved", "doubtful", True, "undecided"),
+    ("explained", "doubtful", True, "explained"), ("nothing-missing", "doubtful", False, "nothing-missing"),
+    ("nothing-missing", "doubtful", True, "undecided"), ("nothing-missing", "gain", True, "nothing-missing"),
+    ("unexplained", "gain", False, "unexplained"),
 ])
-def test_no_open_verdict_rests_on_one_record(verdict, kind, expected):
-    """Where one record that nothing repeats may be faulty, a misfit that nothing explains is undecided."""
+def test_no_open_verdict_rests_on_one_record(verdict, kind, wander, expected):
+    """Where one record that nothing repeats may be faulty, a misfit that nothing explains, or that only baselines that
+    wander do, is undecided."""
     fault = Fault(kind, ("r3",), "", "", "", "", left_out=False)
     end = Conclusion(verdict, ["reference", "one"], ["somewhere"], "a force", None)
-    found = _doubt_record(end, SimpleNamespace(faults=(fault,)))
+    found = _doubt_record(end, SimpleNamespace(faults=(fault,)), wander)
     assert found.verdict == expected
     assert (found.steps, found.where, found.missing) == (
         (["reference"], [], None) if expected == "undecided" else (end.steps, end.where, end.missing))

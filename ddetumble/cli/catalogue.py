@@ -1,5 +1,6 @@
 """Commands that list what a model can be made of: `effects` and `models`."""
 
+import shlex
 import tempfile
 from pathlib import Path
 from typing import Annotated, Any
@@ -39,7 +40,7 @@ def show_effects(
             for file, target in zip(made, written, strict=True):
                 write_bytes(file.read_bytes(), target)
         typer.echo(f"Written to {source}, which runs as it is and awaits your law, and {test}, its contract test.\n"
-                   f"Next: ddetumble discover CAMPAIGN --effects-from {source}")
+                   f"Next: ddetumble discover CAMPAIGN --effects-from {shlex.quote(str(source))}")
         return
     from ..contact.effect import parameters_of, stage_of
     from ..inference.models import list_effects

@@ -1,5 +1,6 @@
 """Commands that hold a model against a campaign: `compare`, `discover`, `missing` and `identify`."""
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -64,11 +65,12 @@ def _list_further(result: "Comparison | Comparisons", campaign: str, model: str,
     if not isinstance(result, Comparison) or not result.lack_of_fit.rejected or (
             set(measured.channels) <= set(family.values)):  # which discover does not take
         return []
-    found = [f"What is missing: ddetumble discover {campaign}" + f" -m {model}" * (model != "paper")]
+    chosen = ["-m", model] if model != "paper" else []
+    found = [f"What is missing: ddetumble discover {shlex.join([campaign, *chosen])}"]
     others = [name for name, built in family.models.items() if built.rival and name != model]
     if others and result.chi2_reduced > DEFAULT.far:
-        beside = " ".join(f"-m {name}" for name in (model, *others))
-        found.append(f"Other reference models beside it: ddetumble compare {campaign} {beside}")
+        beside = shlex.join([campaign, *(word for name in (model, *others) for word in ("-m", name))])
+        found.append(f"Other reference models beside it: ddetumble compare {beside}")
     return found
 
 
@@ -122,9 +124,10 @@ def discover_effects(
     typer.echo(f"Report: {page}")
     near = find_nearer(result)
     if near is not None:
-        typer.echo(f"To begin with the nearer reference model: ddetumble discover {campaign} -m {near['model']}")
+        typer.echo(f"To begin with the nearer reference model: ddetumble discover {shlex.quote(campaign)} "
+                   f"-m {near['model']}")
     if result.steps[-1].alternatives:
-        typer.echo(f"The test that tells them apart: ddetumble design {target}")
+        typer.echo(f"The test that tells them apart: ddetumble design {shlex.quote(str(target))}")
 
 
 @command("missing", "Draw the force that a model lacks, and the simple laws that would draw it.",

@@ -2,6 +2,7 @@
 
 import abc
 import dataclasses as dc
+import shlex
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 import pydantic
 
 from .._errors import InputError
+from .._settings import find_data
 from .._user_files import place_file, require_trust, split_name, trust_file
 from ..contact.effect import AbstractEffect, AbstractLaw, AbstractModel, list_choices
 from ..effects import CATALOGUE
@@ -290,6 +292,9 @@ def load(folder, extra: Sequence[type[AbstractEffect]] = ()) -> FittedModel:
     path = Path(folder)
     path = path if path.suffix == ".json" else path / FILE
     if not path.exists():
+        if any((place / path.parent / "datapackage.json").is_file() for place in (Path(), find_data())):
+            raise InputError("this is a campaign, and a fitted model is needed here: name the folder that `ddetumble "
+                             f"discover {shlex.quote(str(path.parent))}` writes, or fit", file=path.parent)
         raise InputError(f"there is no {FILE} here; name a folder of fit or discover", file=path.parent)
     content = read_json(path, SCHEMA, _ModelFile, "fit the model again")
     notes: dict[str, None] = {}

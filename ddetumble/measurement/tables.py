@@ -90,6 +90,9 @@ def decode(data: bytes, file: str, encoding: str = "utf-8") -> str:
 
 def read_toml(path: Path) -> dict:
     """Content of a TOML file; what is none is refused."""
+    inside = sorted(one.name for one in Path(path).glob("*.toml"))
+    if inside:
+        raise InputError(f"this is a folder; name a file in it, such as {', '.join(inside[:3])}", file=path)
     try:
         return tomllib.loads(decode(read_bytes(path), str(path)))
     except (tomllib.TOMLDecodeError, RecursionError) as error:

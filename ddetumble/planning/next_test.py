@@ -38,6 +38,7 @@ from .setting_ranges import Extra, Limit, Range, list_extras, set_limits
 
 MOST = 30  # repeats beyond which a test is no proposal: nobody makes more
 STEPS = 15  # of the refit that checks a separation: more end a difficult refit, at the price of time
+LITTLE = 0.1  # of a standard deviation, by which the best test has to narrow one to be called worth making
 SLACK = 0.02  # of its value, by which a condition may leave the measured range before this is told, as in predictions
 EDGE = 5e-3  # fraction of its range within which a condition stands at a limit: what an optimiser leaves of it
 # Tests that climb together, and those looked at before the climb: more find a better one more often, at their price.
@@ -68,6 +69,11 @@ class Narrowing:
     unit: str
     before: float
     after: float
+
+    @property
+    def gained(self) -> float:
+        """By which fraction the standard deviation falls."""
+        return 1.0 - self.after / self.before
 
     def __str__(self) -> str:
         return f"{self.name} from ± {self.before:.2g} to ± {self.after:.2g} {self.unit}".rstrip()
@@ -299,7 +305,7 @@ def _explain(found: Design, saved: FittedModel) -> Design:
     best, *others = found.proposals
     sentence = say("plan.next_test", rivals=found.rivals, verdict=found.verdict, best=best,
                    test=describe_test(best, found.limits), more=find_family(found.family).plan.added, most=MOST,
-                   decisive=DEFAULT.decisive)
+                   decisive=DEFAULT.decisive, little=LITTLE)
     notes = tell(
         "plan.next_test_notes", best=best, others=[(one, describe_test(one, found.limits)) for one in others],
         alone=len(found.rivals) == 1, most=MOST, ranges=[_describe_limit(one) for one in found.limits if one.free],

@@ -257,7 +257,7 @@ def _plan(problem: StrikeProblem, settings: PlanSettings, laws: Laws | None, con
     assessment, prospect = None, None
     if laws is not None and found.impacts:
         tell("trying the first impact on all draws", math.nan)
-        assessment = assess_plan(problem, found.impacts[0], laws, tail=how.tail)
+        assessment = assess_plan(problem, found.impacts[0], laws, tail=how.tail, aim=how.plan_for)
         if len(found.impacts) > 1:
             tell("trying all impacts on all draws", math.nan)
             prospect = assess_sequence(problem, found, laws, how.share, tail=how.tail)

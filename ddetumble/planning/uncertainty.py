@@ -6,7 +6,9 @@ what an impact leaves otherwise than planned, the next ones meet.
 """
 
 import dataclasses as dc
+import shlex
 from collections.abc import Mapping, Sequence
+from typing import Literal
 
 import equinox as eqx
 import numpy as np
@@ -156,12 +158,13 @@ def find_regrets(problem: StrikeProblem, plan: StrikePlan, laws: Laws) -> list[R
     return found
 
 
-def assess_plan(problem: StrikeProblem, plan: StrikePlan, laws: Laws, *, tail: float = 0.1) -> Assessment:
+def assess_plan(problem: StrikeProblem, plan: StrikePlan, laws: Laws, *, tail: float = 0.1,
+                aim: Literal["best", "mean", "tail"] = "best") -> Assessment:
     """What a plan leaves under every drawn law, model by model, and whether it matters which model is true.
 
     It matters where two models' means differ, a plan for the wrong model costs, or such a plan passes a limit, by more
     than the parameters' own uncertainty (and by more than `RESOLUTION` or `BEYOND`). `tail` is the share of the draws
-    that counts as the bad tail.
+    that counts as the bad tail, `aim` what the plan was made for.
 
     Raises:
         ComputationError: the impact could be integrated under no draw of a model.
@@ -194,13 +197,14 @@ def assess_plan(problem: StrikeProblem, plan: StrikePlan, laws: Laws, *, tail: f
     slack = max(BEYOND, float(spreads[1 + CONSTRAINTS.index(worst.limit)]) if worst.limit else 0.0)
     costs = worst.loss > max(within, RESOLUTION) or worst.beyond > slack
     matters = costs or difference > max(within, RESOLUTION)
-    sentences = [str(say("plan.spread", whole=whole, tail=tail))]
+    sentences = [str(say("plan.spread", whole=whole, tail=tail, aim=aim))]
     if len(models) > 1:
         names = ["nothing" if name == REFERENCE else name.replace("+", " with ") for name in models]
         factor, unit = UNITS.get(worst.limit, (100.0, "%"))
         excess = f"{factor * worst.beyond:.1f} {unit}" if worst.beyond > BEYOND else ""
         sentences.append(str(say("plan.rivals", names=names, difference=difference, within=within, loss=worst.loss,
-                                 limit=worst.limit, excess=excess, matters=matters, costs=costs, folder=laws.folder)))
+                                 limit=worst.limit, excess=excess, matters=matters, costs=costs,
+                                 folder=laws.folder and shlex.quote(laws.folder))))
     return Assessment(tail, whole, models, difference, within, matters, tuple(sentences), note)
 
 

@@ -102,7 +102,8 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
             path = others[name]
         else:
             path = extend_path(path, settings.most_effects, report)
-    end = _doubt_record(_conclude(path, bool(questions), report), state)
+    end = _doubt_record(_conclude(path, bool(questions), report), state,
+                        any(noise.slow_sd for noise in path.selection.noise.values()))
     reached = {n: (other.selection, other.steps[-1]) for n, other in others.items()}
     last = end.steps[-1].fitted.solution
     if end.verdict in OPEN and not others and path.selection.reduce_chi2(last) > settings.far:
@@ -146,7 +147,7 @@ def _select_from_clean(begin: Begin, state: Cleaned, settings: SelectionSettings
     """Forward selection on the campaign without its faults; what is found to be one begins it again."""
     def search_again(campaign):
         report("looking behind a record", 0.87)
-        path = select_effects(*begin(campaign, state.zeros))
+        path = allow_wander(allow_scatter(select_effects(*begin(campaign, state.zeros))))
         last = path.steps[-1]
         return (path.selection, last.fitted) if last.lack.smooth_p_value > settings.level_each else None
 
@@ -248,7 +249,8 @@ def _conclude(path: Path, questions: bool, report: Progress) -> Conclusion:
     if isinstance(missing, MissingForce):
         unrelated, judged = is_unrelated(selection, steps[-1].fitted, missing, where)
         irregular = unrelated and (judged or verdict == "unexplained")
-        if irregular and judged:
+        # Noise and settings account for misfits of their own size; of a far larger one nothing is known.
+        if irregular and judged and selection.reduce_chi2(steps[-1].fitted.solution) <= selection.settings.far:
             verdict, where = "explained" if len(steps) > 1 else "nothing-missing", []
         elif irregular:
             verdict = "undecided"
@@ -268,9 +270,14 @@ def _conclude(path: Path, questions: bool, report: Progress) -> Conclusion:
     return Conclusion(verdict, steps, where, missing, unphysical, irregular, biases=biases)
 
 
-def _doubt_record(end: Conclusion, state: Cleaned) -> Conclusion:
-    """The same, undecided where a misfit rests on one record alone that nothing repeats: the others leave nothing."""
-    if end.verdict in OPEN and any(fault.kind == "doubtful" for fault in state.faults):
+def _doubt_record(end: Conclusion, state: Cleaned, wander: bool) -> Conclusion:
+    """The same, undecided where a misfit rests on one record alone that nothing repeats: the others leave nothing.
+
+    So is a reference model that is in order only beside baselines that `wander`, which so large an error makes large:
+    they may hide an effect.
+    """
+    unsure = (*OPEN, "nothing-missing") if wander else OPEN
+    if end.verdict in unsure and any(fault.kind == "doubtful" for fault in state.faults):
         return dc.replace(end, verdict="undecided", steps=end.steps[:1], where=[], missing=None, biases=())
     return end
 

@@ -15,6 +15,7 @@ import numpy as np
 from .._errors import InputError
 from ..measurement.campaign import Campaign, thin_campaign
 from ..measurement.faults import Fault, find_blind, screen_samples
+from ..measurement.quantities import join_words
 from .cross_validation import leave_out
 from .data_errors import Diagnosis, diagnose, find_moving_zeros, find_rate_units, tell_zero
 from .lack_of_fit import score_directions
@@ -32,6 +33,7 @@ class Suspect:
     diagnosis: Diagnosis  # what would make it fit
     aside: Aside  # the fit of the others
     enclosed: bool  # whether there are records on all sides of it, or a repeat
+    effects: tuple[str, ...] = ()  # beside which the others were fitted
 
 
 def find_suspects(selection: SelectionProblem, fitted: Fitted) -> list[Suspect]:
@@ -79,7 +81,7 @@ def _find_worst(selection: SelectionProblem, fitted: Fitted, out: set[int]) -> S
     sure = enclosed or diagnosis.kind == "unit" or (alone and own.excess > limits.far * usual)
     if not sure and not fine:
         return None
-    return Suspect(selection.records.keys[aside.record], sure, diagnosis, aside, enclosed)
+    return Suspect(selection.records.keys[aside.record], sure, diagnosis, aside, enclosed, tuple(fitted.effects))
 
 
 def is_enclosed(selection: SelectionProblem, aside: Aside, softens: bool = True) -> bool:
@@ -113,8 +115,9 @@ def tell_fault(suspect: Suspect, keep: bool) -> Fault:
     aside, found = suspect.aside, suspect.diagnosis
     most = max(m.excess for m in aside.others.values()) + 1.0
     size, usual = (_say(np.sqrt(max(x, 0.0))) for x in (aside.own.excess + 1.0, most))
-    seen = (f"Record {suspect.key} disagrees with all others: a fit without it leaves {size} times the noise in this "
-            f"record, but no more than {usual} times in any other. {found.text}").rstrip()
+    beside = f", with {join_words(suspect.effects)} added," if suspect.effects else ""
+    seen = (f"Record {suspect.key} disagrees with all others: a fit without it{beside} leaves {size} times the noise "
+            f"in this record, but no more than {usual} times in any other. {found.text}").rstrip()
     kind, remedy, out = found.kind, found.remedy, False
     if not suspect.sure:
         kind, remedy = "doubtful", "Repeat it."
@@ -141,8 +144,8 @@ Search = Callable[[Campaign], tuple[SelectionProblem, Fitted] | None]
 
 
 def find_culprit(selection: SelectionProblem, fitted: Fitted, search: Search) -> Suspect | None:
-    """The record without which `search` finds a model that leaves nothing smooth, and that is plainly at fault under
-    that model; None where none carries most of the misfit, or it is not beyond doubt."""
+    """The record without which `search` finds a model that leaves nothing smooth, and that disagrees with all others
+    under that model; None where none carries much of the misfit."""
     limits, count = selection.settings.outliers, selection.records.count
     if count <= limits.fewest:
         return None
@@ -151,7 +154,8 @@ def find_culprit(selection: SelectionProblem, fitted: Fitted, search: Search) ->
     likely = sorted(found, key=lambda r: found[r].degrees - found[r].total)[:limits.candidates]
     aside = min((set_aside(selection, fitted.solution, r) for r in likely), key=lambda one: one.rest.excess)
     left = aside.rest.total - aside.rest.degrees
-    if aside.own.p_value * count > limits.p_value or left > (1.0 - limits.removed) * excess:
+    removed = min(limits.removed, limits.carried / count)
+    if aside.own.p_value * count > limits.p_value or left > (1.0 - removed) * excess:
         return None
     key = selection.records.keys[aside.record]
     answer = search(selection.campaign.select([k for k in selection.campaign.record_keys if k != key]))
@@ -161,9 +165,12 @@ def find_culprit(selection: SelectionProblem, fitted: Fitted, search: Search) ->
     u = selection.guess.copy()
     for name in better.solution.names:
         u[selection.space.index[name]] = better.solution.u[bench.space.index[name]]
+    if any(noise.slow_sd for noise in bench.noise.values()):
+        noise = {c: one.with_slow_parts(bench.noise[c]) for c, one in selection.noise.items()}
+        selection = dc.replace(selection.restack(noise), noise=noise)
     there = settle(selection.problem, better.solution.names, u, fitted.solution.z)
     suspects = find_suspects(selection, dc.replace(fitted, effects=better.effects, solution=there))
-    return next((s for s in suspects if s.sure and s.key == key), None)
+    return next((s for s in suspects if s.key == key), None)
 
 
 @dc.dataclass(frozen=True)
@@ -206,11 +213,11 @@ def clean_records(state: Cleaned, selection: SelectionProblem, fitted: Fitted, f
     """
     suspects = find_suspects(selection, fitted)
     sure = [s for s in suspects if s.sure]
-    if search is not None and not sure:
-        culprit = find_culprit(selection, fitted, search)
-        sure = [] if culprit is None else [culprit]
+    culprit = find_culprit(selection, fitted, search) if search is not None and not sure else None
+    if culprit is not None and culprit.sure:
+        sure = [culprit]
     zero = None if sure else find_moving_zeros(selection, fitted.solution, final)
-    doubtful = []
+    doubtful = [culprit] if culprit is not None and not (sure or zero) else []
     for suspect in suspects if not zero else []:
         if not suspect.sure:  # it is in doubt only where nothing that the catalogue holds shows in the others either
             problem, at = mask_records(selection.problem, {suspect.aside.record}), suspect.aside.solution

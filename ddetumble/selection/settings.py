@@ -24,7 +24,10 @@ class OutlierSettings:
     same: float = 0.03  # share by which values of neighbours may differ and count as the same
     every: int = 6  # records of which every one is left out in turn; of more, the worst and what bends the fit most
     candidates: int = 3  # worst records of more than `every` that are left out in turn
-    removed: float = 0.5  # share of a misfit that leaving out one record removes before the search is repeated without
+    # Share of a misfit that leaving out one record removes before the search is repeated without: half of it, or so
+    # many times what one of as many records would take.
+    removed: float = 0.5
+    carried: float = 3.0
     fits: float = 1e-3  # p-value above which a record fits with a data error corrected
     small: float = 1.0  # the same as an excess: below one noise variance no plot shows it
     wide: float = 6.0  # standard deviations of a sample that is off by itself

@@ -160,8 +160,8 @@ def _list_doubtful(found: Discovery) -> list[str]:
 
 def _rests_on_record(found: Discovery) -> bool:
     """Whether a verdict is undecided because of one record that may be faulty, and for no other reason."""
-    return (found.verdict == "undecided" and found.steps[0].lack_of_fit.rejected and not found.biases
-            and found.rounding is None and not found.irregular and bool(_list_doubtful(found)))
+    return (found.verdict == "undecided" and not found.biases and found.rounding is None and not found.irregular
+            and bool(_list_doubtful(found)))
 
 
 def list_notes(found: Discovery, family: Family, left_out: Sequence[str], asked: str, undrawn: str,
@@ -227,13 +227,17 @@ def _tell_verdict(found: Discovery, family: Family, folds: str) -> Sentence:
         return say("verdict.bias_or_effect", model=model, before=before, p=p, bias=_describe_bias(found.biases[0]),
                    effects=list(found.biases[0].effects))
     if _rests_on_record(found):
-        return say("verdict.one_record_or_more", model=model, before=before, p=p, record=_list_doubtful(found)[0])
+        record = _list_doubtful(found)[0]
+        if not lack.rejected:
+            return say("verdict.one_record_or_noise", model=model, record=record)
+        return say("verdict.one_record_or_more", model=model, before=before, p=p, record=record)
     if found.verdict == "undecided" and found.rounding is not None:
         return say("verdict.rounding", model=model, before=before, p=p, effects=list(found.rounding.effects),
                    channels=list(found.rounding.digits))
     if found.verdict == "undecided" and found.irregular:
         if lack.rejected:
-            return say("verdict.unrelated", model=model, records=records, before=before, p=p, folds=family.folds)
+            return say("verdict.unrelated", model=model, records=records, before=before, p=p, folds=family.folds,
+                       large=first.chi2_reduced > settings.far)
         return say("verdict.ambiguous", model=model, before=before)
     if found.verdict == "undecided" and lack.rejected:
         return say("verdict.undecided", model=model, records=records, conditions=conditions, before=before, p=p,
