@@ -148,9 +148,13 @@ def fill_cache(campaigns: Annotated[list[str] | None, typer.Argument(
     """
     import tempfile
 
-    from .. import compare, discover, fit, read_campaign, report
     from .._settings import describe_cache, list_shipped
     from ..families import list_families, name_family
+    from ..inference.estimation import fit
+    from ..measurement.package import read_campaign
+    from ..reports import report
+    from ..selection.compare import compare
+    from ..selection.discover import discover
 
     named = campaigns
     if not named:

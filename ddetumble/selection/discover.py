@@ -248,9 +248,10 @@ def _conclude(path: Path, questions: bool, report: Progress) -> Conclusion:
         missing = _draw_force(path, steps[0].fitted, beside, report)
     if isinstance(missing, MissingForce):
         unrelated, judged = is_unrelated(selection, steps[-1].fitted, missing, where)
-        irregular = unrelated and (judged or verdict == "unexplained")
         # Noise and settings account for misfits of their own size; of a far larger one nothing is known.
-        if irregular and judged and selection.reduce_chi2(steps[-1].fitted.solution) <= selection.settings.far:
+        judged = judged and selection.reduce_chi2(steps[-1].fitted.solution) <= selection.settings.far
+        irregular = unrelated and (judged or verdict == "unexplained")
+        if irregular and judged:
             verdict, where = "explained" if len(steps) > 1 else "nothing-missing", []
         elif irregular:
             verdict = "undecided"
@@ -278,7 +279,8 @@ def _doubt_record(end: Conclusion, state: Cleaned, wander: bool) -> Conclusion:
     """
     unsure = (*OPEN, "nothing-missing") if wander else OPEN
     if end.verdict in unsure and any(fault.kind == "doubtful" for fault in state.faults):
-        return dc.replace(end, verdict="undecided", steps=end.steps[:1], where=[], missing=None, biases=())
+        return dc.replace(end, verdict="undecided", steps=end.steps[:1], where=[], missing=None, biases=(),
+                          irregular=False)
     return end
 
 

@@ -237,7 +237,7 @@ def _tell_verdict(found: Discovery, family: Family, folds: str) -> Sentence:
     if found.verdict == "undecided" and found.irregular:
         if lack.rejected:
             return say("verdict.unrelated", model=model, records=records, before=before, p=p, folds=family.folds,
-                       large=first.chi2_reduced > settings.far)
+                       large=first.chi2_reduced > settings.far and not family.free_running)
         return say("verdict.ambiguous", model=model, before=before)
     if found.verdict == "undecided" and lack.rejected:
         return say("verdict.undecided", model=model, records=records, conditions=conditions, before=before, p=p,
