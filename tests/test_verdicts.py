@@ -13,8 +13,9 @@ from ddetumble.exam.simulators.campaigns import write_package
 from ddetumble.exam.simulators.impact_campaigns import make_campaign
 from ddetumble.inference.goodness import combine_p_values
 from ddetumble.measurement.faults import Fault
-from ddetumble.selection.discover import Conclusion, _doubt_record, list_exact
+from ddetumble.selection.discover import Conclusion, _conclude, _doubt_record, list_exact
 from ddetumble.selection.lack_of_fit import is_moved, measure_shifts
+from ddetumble.selection.result import MissingForce
 from ddetumble.selection.settings import DEFAULT
 from tests.helpers_ranking import check_ranking
 
@@ -121,6 +122,27 @@ def test_shifts_of_all_records_or_of_one_are_seen(shifts, moved):
 @pytest.mark.parametrize("values", [(0.2,), (0.004, 0.9, 0.9), (1e-9, 1.0)])
 def test_smallest_of_several_p_values(values):
     assert combine_p_values(values) == pytest.approx(min(len(values) * min(values), 1.0))
+
+
+@pytest.mark.parametrize(("verdict", "times", "judged", "expected"), [
+    ("unexplained", 0.9, True, ("nothing-missing", True)), ("unexplained", 1.1, True, ("undecided", True)),
+    ("unexplained", 0.9, False, ("undecided", True)), ("improved", 0.9, True, ("explained", True)),
+    ("improved", 1.1, True, ("improved", False)), ("improved", 0.9, False, ("improved", False)),
+])
+def test_noise_is_no_account_of_what_is_far_larger(monkeypatch, verdict, times, judged, expected):
+    """What no force removes and nothing repeats is noise or settings, if it is not `far` above the noise."""
+    steps = [SimpleNamespace(fitted=SimpleNamespace(solution=None, effects=("drag",), merit=0.0))] * (
+        2 if verdict == "improved" else 1)
+    selection = SimpleNamespace(settings=DEFAULT, holds_out=True, reduce_chi2=lambda solution: times * DEFAULT.far,
+                                find_effects=lambda effects: ())
+    for name, answer in {"_decide": (verdict, [], steps, None), "_draw_force": object.__new__(MissingForce),
+                         "is_unrelated": (True, judged), "find_rounding": None, "stand_in": ([], []),
+                         "matches_effects": False}.items():
+        monkeypatch.setattr(f"ddetumble.selection.discover.{name}", lambda *_, answer=answer: answer)
+    path = SimpleNamespace(selection=selection, keep_physical=lambda: (steps, ()), steps=steps, visible=True,
+                           ambiguous=False)
+    end = _conclude(path, False, lambda *_: None)
+    assert (end.verdict, end.irregular) == expected
 
 
 @pytest.mark.parametrize(("verdict", "kind", "wander", "expected"), [
