@@ -551,7 +551,7 @@ def test_bodies_of_equal_moments_are_planned_for(tmp_path, shape):
     assert one["allowed"] and one["certificate"]["gradient_error"] < 5e-3 and plan["share_left"] < 0.95
 
 
-@pytest.mark.study
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", ['shape = "box"\nlengths = [1.0, 2.0, 3.0]', 'shape = "sphere"\nradius = 1.0'])
 def test_other_convex_bodies_are_planned_for(tmp_path, shape):
     """Through the command: allowed, gradients right, and the momentum after is what the impulse makes of it.

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from .._rotation import rotate, rotate_back
-from .constraints import CONSTRAINTS
+from .constraints import CONSTRAINTS, MISSED
 from .problem import SLIPS, SPEED, StrikeProblem, measure_share, read_design, span_plane, strike_debris
 from .single import ALLOWED, StrikePlan, compute_impact
 
@@ -68,11 +68,15 @@ def _strike_along(problem: StrikeProblem, plan: StrikePlan, rule: str, way: np.n
     best = min((float(found.x), float(speeds[k])), key=judge)
 
     def leave(speed: float) -> tuple[float, tuple[str, ...]]:
-        after = strike_debris(problem, read_design(problem, jnp.asarray(face), jnp.asarray(place(speed))))
+        x = place(speed)
+        kept = zip(CONSTRAINTS, compute_impact(problem, face, x)[1:], strict=True)
+        violated = tuple(name for name, value in kept if value < -BROKEN_BY)
+        if x[SPEED] <= MISSED * float(problem.limits.approach / problem.unit):  # along the surface: no blow at all
+            return measure_share(problem, problem.angular_velocity), violated
+        after = strike_debris(problem, read_design(problem, jnp.asarray(face), jnp.asarray(x)))
         if bool(after.failed) or not bool(after.separated):
             return math.nan, ()
-        kept = zip(CONSTRAINTS, compute_impact(problem, face, place(speed))[1:], strict=True)
-        return measure_share(problem, after.angular_velocity), tuple(n for n, value in kept if value < -BROKEN_BY)
+        return measure_share(problem, after.angular_velocity), violated
 
     share, violated = leave(float(np.linalg.norm(design.velocity)))
     kept, over = leave(best)
