@@ -219,6 +219,8 @@ def clean_records(state: Cleaned, selection: SelectionProblem, fitted: Fitted, f
     zero = None if sure else find_moving_zeros(selection, fitted.solution, final)
     doubtful = [culprit] if culprit is not None and not (sure or zero) else []
     for suspect in suspects if not zero else []:
+        if suspect.key in {one.key for one in doubtful}:
+            continue
         if not suspect.sure:  # it is in doubt only where nothing that the catalogue holds shows in the others either
             problem, at = mask_records(selection.problem, {suspect.aside.record}), suspect.aside.solution
             solution = problem.solve(at.names, at.u, at.z, tolerance=1e-2)

@@ -160,8 +160,9 @@ def _list_doubtful(found: Discovery) -> list[str]:
 
 def _rests_on_record(found: Discovery) -> bool:
     """Whether a verdict is undecided because of one record that may be faulty, and for no other reason."""
-    return (found.verdict == "undecided" and not found.biases and found.rounding is None and not found.irregular
-            and bool(_list_doubtful(found)))
+    wanders = any(one.get("slow_sd") for one in found.noise.values())
+    return (found.verdict == "undecided" and (found.steps[0].lack_of_fit.rejected or wanders) and not found.biases
+            and found.rounding is None and not found.irregular and bool(_list_doubtful(found)))
 
 
 def list_notes(found: Discovery, family: Family, left_out: Sequence[str], asked: str, undrawn: str,
