@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
+from scipy.signal import find_peaks
 from scipy.spatial.transform import Rotation
 
 from ddetumble import Ball, CoulombFriction, InputError
@@ -148,7 +149,7 @@ def solve_damping(restitution, speed):
     return brentq(gap, 1e-6, (1 - 1e-13) / restitution) / speed
 
 
-def integrate_pair(mass, friction, omega, point, velocity, inertia, debris_mass, pressure, restitution=0.7):
+def integrate_pair(mass, friction, omega, point, velocity, inertia, debris_mass, pressure, restitution=0.7, span=1.0):
     """The same physics by SciPy: rotation matrix, Euler's equations in the body frame, side of a cylinder of 1 m."""
     lever = point[:2] / np.hypot(*point[:2])
     normal = np.append(lever, 0.0)
@@ -185,9 +186,11 @@ def integrate_pair(mass, friction, omega, point, velocity, inertia, debris_mass,
 
     leave.terminal, leave.direction = True, -1
     first = np.concatenate([np.eye(3).ravel(), omega, REST, start, REST, velocity])
-    found = solve_ivp(move, (0, 1), first, method="DOP853", rtol=1e-11, atol=1e-13, events=leave)
+    found = solve_ivp(move, (0, span), first, method="DOP853", rtol=1e-11, atol=1e-13, events=leave, dense_output=True)
     last = found.y[:, -1]
-    return found.t[-1], last[9:12], last[18:21], last[21:24], last[:9].reshape(3, 3) @ inertia @ last[9:12]
+    frame, w, _, _, contact = look(last)
+    depths = np.array([look(found.sol(t))[3] for t in np.linspace(0.0, found.t[-1], 4001)])
+    return found.t[-1], w, last[18:21], last[21:24], frame @ inertia @ w, frame.T @ (contact - last[12:15]), depths
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
@@ -197,12 +200,31 @@ def test_agrees_with_a_second_simulator(friction):
     debris = Debris(800.0, inertia, CylinderSurface(1.0, 3.0))
     omega, velocity = np.array([0.05, -0.08, 0.11]), np.array([-0.5, -0.5, 0.25])
     point = np.array([np.cos(0.7), np.sin(0.7), 0.9])
-    end, rates, body, tip, momentum = integrate_pair(12.0, friction, omega, point, velocity, inertia, 800.0, 1.3e6)
+    end, rates, body, tip, momentum, place, _ = integrate_pair(12.0, friction, omega, point, velocity, inertia, 800.0,
+                                                               1.3e6)
     found = run(build(12.0, 12.0, friction=friction), debris, omega, point, velocity, 1.3e6)
     np.testing.assert_allclose(found.separation, end, rtol=1e-6)
     for mine, theirs in ((found.angular_velocity, rates), (found.velocity, body), (found.arm_velocity, tip),
-                         (found.angular_momentum, momentum)):
+                         (found.angular_momentum, momentum), (found.last_point, place)):
         np.testing.assert_allclose(mine, theirs, rtol=1e-6, atol=1e-7 * np.abs(theirs).max())
+    assert float(found.second_depression) == 0.0
+
+
+@pytest.mark.parametrize("rate, blows, span", [(0.5, 2, 0.3), (0.3, 1, 1.0)])
+def test_a_surface_that_turns_under_a_ball_is_struck_again(rate, blows, span):
+    """A ball slides along a cylinder that tumbles towards it: it goes in again before it has left. How far, by the
+    extremes of the same contact in SciPy.
+    """
+    inertia, omega, point = np.diag([900.0, 900.0, 600.0]), np.array([0.0, rate, 0.0]), np.array([1.0, 0.0, -1.0])
+    velocity = np.array([-0.3, 0.0, 2.0]) + np.cross(omega, point)
+    _, rates, *_, place, depths = integrate_pair(12.0, 0.1, omega, point, velocity, inertia, 800.0, 1e6, 0.4, span)
+    found = run(build(12.0, 12.0, friction=0.1, restitution=0.4), Debris(800.0, inertia, CylinderSurface(1.0, 3.0)),
+                omega, point, velocity, 1e6, span=span)
+    np.testing.assert_allclose(found.angular_velocity, rates, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(found.last_point, place, rtol=1e-6, atol=1e-6)
+    peaks, dips = (depths[find_peaks(sign * depths)[0]] for sign in (1.0, -1.0))
+    assert len(peaks) == blows and bool(found.separated) == (blows == 1)
+    np.testing.assert_allclose(found.second_depression, peaks.sum() - dips.sum() - peaks.max(), rtol=0.03, atol=1e-9)
 
 
 @pytest.mark.study

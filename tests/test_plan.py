@@ -21,9 +21,10 @@ from ddetumble.dynamics.bodies import Box, Sphere
 from ddetumble.dynamics.surfaces import make_debris
 from ddetumble.effects.oblique import TangentialCompliance
 from ddetumble.inference.archive import load
+from ddetumble.planning.closed_form import screen
 from ddetumble.planning.constraints import CONSTRAINTS, evaluate, evaluate_slopes
 from ddetumble.planning.measured import MeasuredRange, confine, find_contacts, find_measured_ranges, list_extrapolations
-from ddetumble.planning.multistart import find_starts, screen
+from ddetumble.planning.multistart import find_starts
 from ddetumble.planning.plan import Plan, PlanSettings
 from ddetumble.planning.problem import (
     VARIABLES,
@@ -174,6 +175,29 @@ def test_estimate_is_near_the_impact():
         exact = np.asarray(evaluate(problem, jnp.asarray(face), jnp.asarray(x)))
         assert abs(rough[0] - exact[0]) < 0.05
         np.testing.assert_allclose(rough[[1, 2, 7]], exact[[1, 2, 7]], atol=1e-9)
+
+
+def test_estimate_of_a_ball_that_slides_fast():
+    """Two metres a second along a box that turns at 5 rad/s: within the contact it comes to another place, and the face
+    towards it. Closed forms that knew nothing of this were off by 0.08 of the score and 0.6 of the force here.
+    """
+    debris = make_debris(Box(5.7, np.array([0.32, 0.32, 0.8])))
+    law = Striker(Ball(effective_mass=6.2, restitution=0.68), CoulombFriction(0.34), tangential_mass=6.2,
+                  rolling_mass=1e9)
+    problem = StrikeProblem(law.extend(()), debris, np.array([0.1, -0.95, 0.1, -0.3]), np.array([-2.0, -2.5, -3.9]),
+                            Limits(speed=3.0, force=65.0, depression=0.007, edge=0.006, approach=0.01), Goal(), {})
+    draw, apart = np.random.default_rng(2), []
+    while len(apart) < 12:
+        face = int(draw.integers(6))
+        x = np.concatenate([draw.uniform(-0.8, 0.8, 2), draw.uniform(0.5, 1.1, 1), draw.uniform(-6.0, 6.0, 2),
+                            draw.uniform(-1.0, 1.0, 2)])
+        exact = np.asarray(evaluate(problem, jnp.asarray(face), jnp.asarray(x)))
+        kept = dict(zip(CONSTRAINTS, exact[1:], strict=True))
+        if np.isfinite(exact).all() and min(kept["edge"], kept["one blow"], kept["arm's speed"]) > 0.0:
+            rough = np.asarray(screen(problem, jnp.array([face]), jnp.asarray(x)[None])[1])[0]
+            apart.append(np.abs(rough - exact)[[0, 3, 4]])
+    score, force, depth = np.max(apart, axis=0)
+    assert score < 0.05 and force < 0.2 and depth < 0.15
 
 
 def test_of_many_faces_the_most_promising_are_searched():

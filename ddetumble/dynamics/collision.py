@@ -95,12 +95,15 @@ class Collision(eqx.Module):
     displacement: Float[Array, " 3"]  # of its centre of mass [m]
     impulse: Float[Array, " 3"]  # of the contact force on the debris [N s]
     arm_velocity: Float[Array, " 3"]  # of the ball [m/s]
+    last_point: Float[Array, " 3"]  # on the surface at separation, body components from the centre of mass [m]
     normal: Float[Array, " 3"]  # outward at first touch, inertial [-]
     approach_speed: Scalar  # along the normal, at first touch [m/s]
     tangential_speed: Scalar  # across it, at first touch [m/s]
     separation: Scalar  # time of separation [s]
     peak_force: Scalar  # [N]
     peak_depression: Scalar  # [m]
+    # By which the ball goes in again before it has left, all times together: 0 of a single blow [m].
+    second_depression: Scalar
     peak_pressure: Scalar  # of the gas, absolute [Pa]
     # least distance of the contact disc from each edge; below zero it reaches over one, shape (edges,) [m]
     margins: Float[Array, " edges"]
@@ -403,8 +406,15 @@ def _conclude(setup: _Setup, final: _State, course: Course, end: Array, speed: A
         final.arm_impulse, final.arm_moment, final.arm_work, final.normal_loss, final.friction_loss,
         final.rolling_loss, tip_before, tip_after, jnp.cross(setup.start, tip_before), jnp.cross(ball, tip_after),
         setup.momentum, momentum + jnp.cross(final.debris, final.debris_momentum), before, left)
+    place = rotate_back(attitude, ball - final.debris)
+    foot = debris.surface.find_foot(place)
+    # All ways in and out, less those of one blow that is as deep.
+    depression = course.depression
+    again = 0.5 * (jnp.sum(jnp.abs(jnp.diff(depression))) + depression[0] + depression[-1]) - jnp.max(depression)
     finite = jnp.isfinite(jnp.sum(momentum) + jnp.sum(velocity) + jnp.sum(course.normal_force) + end)
     return Collision(
-        attitude, after, momentum, body, final.debris, final.debris_momentum, velocity, setup.normal, speed, sliding,
-        end, _find_peak(course.time, course.normal_force), _find_peak(course.time, course.depression),
-        jnp.max(course.pressure), jnp.min(course.margins, axis=0), course, ledger, separated, bad | ~finite, steps)
+        attitude, after, momentum, body, final.debris, final.debris_momentum, velocity,
+        place - foot.distance * foot.normal, setup.normal, speed, sliding, end,
+        _find_peak(course.time, course.normal_force), _find_peak(course.time, course.depression),
+        jnp.maximum(again, 0.0), jnp.max(course.pressure), jnp.min(course.margins, axis=0), course, ledger, separated,
+        bad | ~finite, steps)

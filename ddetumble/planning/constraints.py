@@ -24,6 +24,10 @@ from .problem import Design, StrikeProblem, read_design, score, strike_debris
 MISSED = 1e-3
 # Fractions of the clearance time at which the ball's path is looked at: a path is nearly straight in so short a time.
 PATH = np.linspace(0.1, 1.0, 6)
+# Of the peak depression, by which a ball may go in again before it has left: a surface that turns under a ball which
+# slides fast meets it again, and whether it has left by then is a matter of tenths of a millimetre. More than rounding
+# of the course, far less than such a second blow, of which the contact was never measured.
+AGAIN = 0.1
 
 
 class Constraints(NamedTuple):
@@ -42,10 +46,11 @@ class Constraints(NamedTuple):
     fastest: Any  # largest speed along the normal
     slide: Any  # and across it, squared
     target: Any  # distance from the middle of the area that may be struck, squared
+    blow: Any  # part of the peak depression by which the ball goes in again on its way out
 
 
 CONSTRAINTS = Constraints("arm's speed", "approach", "peak force", "depression", "edge", "next edge", "reachable side",
-                          "nothing else hit", "fastest approach", "tangential speed", "target area")
+                          "nothing else hit", "fastest approach", "tangential speed", "target area", "one blow")
 
 
 class Parting(eqx.Module):
@@ -56,10 +61,12 @@ class Parting(eqx.Module):
     displacement: Array
     velocity: Array
     arm_velocity: Array
+    last_point: Array
     margins: Array
     approach_speed: Array
     peak_force: Array
     peak_depression: Array
+    second_depression: Array
 
 
 def keep_clear(problem: StrikeProblem, design: Design, after: Parting | Collision, radius: Array) -> Array:
@@ -77,9 +84,9 @@ def keep_clear(problem: StrikeProblem, design: Design, after: Parting | Collisio
     times = limits.clearance * PATH
     earlier = jax.vmap(lambda t: distance(-t, design.attitude, design.angular_velocity, start, design.velocity,
                                           jnp.zeros(3), jnp.zeros(3)))(times)
-    # The ball touches where it ends: it is placed a radius off the surface again.
-    moved = after.displacement + rotate(after.attitude, design.point)
-    away = moved + radius * rotate(after.attitude, surface.find_foot(design.point).normal)
+    # At separation the ball touches where it has slid to.
+    last = after.last_point + radius * surface.find_foot(after.last_point).normal
+    away = after.displacement + rotate(after.attitude, last)
     later = jax.vmap(lambda t: distance(t, after.attitude, after.angular_velocity, away, after.arm_velocity,
                                         after.displacement, after.velocity))(times)
     return jnp.minimum(jnp.min(earlier), jnp.min(later)) - radius
@@ -100,7 +107,8 @@ def judge(problem: StrikeProblem, design: Design, after: Parting | Collision) ->
         1.0 - after.peak_force / limits.force, 1.0 - after.peak_depression / limits.depression, edges[0], edges[1],
         jnp.dot(design.normal, limits.chaser) - jnp.cos(limits.cone), keep_clear(problem, design, after, radius) / 0.01,
         1.0 - after.approach_speed / limits.fastest, 1.0 - across / limits.slide**2,
-        1.0 - jnp.sum((design.point - limits.target) ** 2) / limits.radius**2)
+        1.0 - jnp.sum((design.point - limits.target) ** 2) / limits.radius**2,
+        AGAIN - after.second_depression / jnp.maximum(after.peak_depression, 1e-12))
 
 
 def evaluate_slopes(problem: StrikeProblem, face: Array, x: Array, error: Mapping[str, Array] | None = None

@@ -23,7 +23,7 @@ from .constraints import MISSED, judge, with_slopes
 from .multistart import find_bounds
 from .prices import Relaxation, find_relaxations
 from .problem import StrikeProblem, list_faces, measure_share, reach_speed, read_design, strike_debris
-from .single import ALLOWED, STARTS, StrikePlan, Tally, certify, descend, make_plan, plan_strike, remember
+from .single import ALLOWED, STARTS, TURN, StrikePlan, Tally, certify, descend, make_plan, plan_strike, remember
 
 
 # Of the fastest approach, at which the largest impulse is looked for; the next one of the grid bounds it.
@@ -39,6 +39,12 @@ STEPS = 80  # of a descent of all impacts together, at most: more than single im
 SLACK = 1e-3  # of the wanted share, by which it may be missed: the optimiser's tolerance, not the user's
 # Of the window, to which further sequences are planned that are to be quick: long waits are what costs time.
 WINDOWS = (0.3, 0.1)
+
+# Impacts that are changed together, or searched for again, at most where they miss the share: more take minutes.
+TOGETHER = 12
+# Searches of a sequence from other seeds where it misses the share: of one drawn scenario one seed in four ended 4 % of
+# the momentum ahead, as the first impacts decide what the last ones find.
+FURTHER = 2
 
 Aim = Literal["impacts", "impulse", "time"]
 Revise = Callable[[StrikeProblem, StrikePlan], StrikePlan]  # from the problem of one impact and its plan
@@ -300,8 +306,8 @@ def refine_sequence(problem: StrikeProblem, sequence: Sequence, share: float, ai
     `share` of the momentum left, no more than a share of |L| being left.
 
     Where so many steps at most of sequential quadratic programming end outside what is allowed, the best that was
-    passed and is allowed is taken. `joint` says what came of it; `reached`, whether all is allowed and the share is
-    reached.
+    passed and is allowed is taken. `joint` says what came of it, `taken` whether that keeps all limits and, unless the
+    `share` is what is to be small, the share; where it is not taken, the sequence is the one given.
     """
     faces, first = np.array([plan.place[0] for plan in sequence.impacts]), np.stack([p.x for p in sequence.impacts])
     bounds = np.concatenate([find_bounds(problem, int(face)) for face in faces])
@@ -325,7 +331,8 @@ def refine_sequence(problem: StrikeProblem, sequence: Sequence, share: float, ai
         return np.concatenate([found[place: place + 1] / unit, held, found[3:]])
 
     def is_allowed(value):
-        return bool(value[3:].min() >= -ALLOWED and np.sqrt(max(value[SHARE], 0.0)) <= share * (1 + SLACK))
+        enough = aim == "share" or np.sqrt(max(value[SHARE], 0.0)) <= share * (1 + SLACK)
+        return bool(value[3:].min() >= -ALLOWED and enough)
 
     look = remember(compute)
     best = descend(lambda z: pose(look(z)[0], 1.0), lambda z: pose(look(z)[1], 0.0), first.ravel(), bounds, steps, 1e-6)
@@ -346,11 +353,11 @@ def refine_sequence(problem: StrikeProblem, sequence: Sequence, share: float, ai
         plans.append(make_plan(now, int(face), x, certificate, tally))
         now = now.begin_at(plans[-1].collision.attitude, plans[-1].collision.angular_velocity)
     found = add_up(problem, plans, share * (1 + SLACK))
-    reached = found.reached and all(plan.allowed for plan in plans)
-    if reached:
+    taken = all(plan.allowed for plan in plans) and (found.reached or aim == "share")
+    if taken:
         joint = Joint(aim, True, *found.outcome, sequence.outcome)
-    return dc.replace(found, reached=reached, bound=sequence.bound, floor=sequence.floor, refused=sequence.refused,
-                      joint=joint)
+    return dc.replace(found, reached=found.reached and taken, bound=sequence.bound, floor=sequence.floor,
+                      refused=sequence.refused, joint=joint)
 
 
 def plan_together(problem: StrikeProblem, share: float, most: int, *, aim: Aim = "impacts", starts: int = STARTS,
@@ -360,7 +367,8 @@ def plan_together(problem: StrikeProblem, share: float, most: int, *, aim: Aim =
 
     The aim `impacts` tries to do with one impact less, again and again; `impulse` brings the sum of all impulses down;
     `time` the instant of the last separation, from sequences with long and with short waits. Where the share is not
-    reached in `most` impacts, that many are changed together for the least momentum left. Where nothing better is
+    reached in `most` impacts, that many are changed together for the least momentum left, whether or not that reaches
+    it, and the search is repeated from other starts. Where nothing better is
     found, the sequence is that of `plan_sequence`.
     """
     tell = progress or (lambda text, done: None)
@@ -372,23 +380,38 @@ def plan_together(problem: StrikeProblem, share: float, most: int, *, aim: Aim =
         assert again.joint is not None
         return dc.replace(again, joint=dc.replace(again.joint, aim=told, alone=found.outcome))
 
+    def complete(sequence: Sequence) -> Sequence:
+        """Where it misses the share with all impacts that there may be, these are changed together."""
+        nonlocal found
+        found = sequence
+        if sequence.reached or not max(most, 2) <= len(sequence.impacts) <= TOGETHER:
+            return sequence
+        again = change(sequence, "share", "share")
+        assert again.joint is not None
+        return again if again.joint.taken and sequence.left - again.left > SLACK * sequence.left else sequence
+
     found = plan_sequence(problem, share, most, starts=starts, seed=seed, revise=revise, progress=progress)
     if revise is not None:
         return found
-    if not found.reached:
-        if len(found.impacts) < max(most, 2) or len(found.impacts) < found.bound:
-            return found
-        again = change(found, "share", "share")
-        return again if again.reached else dc.replace(found, joint=again.joint)
+    best = complete(found)
+    for turn in range(1, FURTHER + 1 if len(found.impacts) <= TOGETHER else 1):
+        if best.reached:
+            break
+        tell("searching from other starts", math.nan)
+        again = complete(plan_sequence(problem, share, most, starts=starts, seed=seed + TURN * turn, progress=progress))
+        best = again if again.reached or again.left < best.left else best
+    if not best.reached or best.joint is not None:
+        return best
 
-    best = found
+    found = best
     if aim == "impacts":
         while len(best.impacts) > max(best.bound, 1):
             # Without the last, the momentum that it took is brought down by the others, as long as that works.
             again = change(dc.replace(best, impacts=best.impacts[:-1], instants=best.instants[:-1],
                                       shares=best.shares[:-1]), "share", aim)
             if not again.reached:
-                return dc.replace(found, joint=again.joint) if best is found else best
+                assert again.joint is not None
+                return dc.replace(found, joint=dc.replace(again.joint, taken=False)) if best is found else best
             best = again
         return best
 

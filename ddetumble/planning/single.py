@@ -3,6 +3,7 @@ how well.
 """
 
 import dataclasses as dc
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar
 
@@ -22,6 +23,9 @@ from .problem import VARIABLES, Design, StrikeProblem, read_design, score, strik
 BINDING = 1e-4
 ALLOWED = 1e-5  # by which a scaled constraint may be missed: its tolerance
 LOST = 10.0  # score of what cannot be computed: far above that of any strike
+GAINED = 1e-5  # of the score, below which a descent that is begun again where it ended is at its end
+ROUNDS = 4
+BEST = 2  # ends of descents that are begun again
 STEPS = 40  # of the quadratic programme at most: it ends by itself well before, or has no optimum near
 STARTS = 6  # of three, one seed in six ended 0.15 % behind another; of six, none of twelve did
 # Of the score, below which another impact is not worth its while: as little as the wanted share by default.
@@ -156,19 +160,30 @@ def ask_scipy(problem: StrikeProblem, face: int, tally: Tally) -> tuple[Callable
     return remember(values), remember(slopes)
 
 
-def refine(problem: StrikeProblem, face: int, x: np.ndarray, tally: Tally) -> tuple[np.ndarray, np.ndarray]:
-    """Variables and values where a descent from a start ends.
+def refine(problem: StrikeProblem, face: int, x: np.ndarray, tally: Tally, rounds: int = ROUNDS
+           ) -> tuple[np.ndarray, np.ndarray]:
+    """Variables and values of the best allowed design that a descent from a start passed, or where it ended.
 
-    Where that is outside what is allowed, it is begun again from there, once, without what it had learnt of curvature.
+    Where it gained something, or no design was allowed, it is begun again from there, without what it had learnt of
+    curvature, so many times at most.
     """
     values, slopes = ask_scipy(problem, face, tally)
-    bounds = find_bounds(problem, face)
-    best = np.clip(x, *bounds.T)
-    for _ in range(2):
-        best = descend(values, slopes, best, bounds, STEPS)
-        if values(best)[1:].min() >= -ALLOWED:
+    bounds, passed = find_bounds(problem, face), []
+
+    def ask(z):
+        found = values(z)
+        if found[1:].min() >= -ALLOWED and (not passed or found[0] < passed[-1][1][0]):
+            passed.append((z.copy(), found))
+        return found
+
+    best, worth = np.clip(x, *bounds.T), math.inf
+    for _ in range(rounds):
+        end = descend(ask, slopes, best, bounds, STEPS)
+        best = passed[-1][0] if passed else end
+        if passed and worth - passed[-1][1][0] < GAINED:
             break
-    return best, values(best)
+        worth = passed[-1][1][0] if passed else worth
+    return best, passed[-1][1] if passed else values(best)
 
 
 def plan_strike(problem: StrikeProblem, *, starts: int = STARTS, seed: int = 0, near: Sequence[Place] = ()
@@ -190,15 +205,24 @@ def plan_strike(problem: StrikeProblem, *, starts: int = STARTS, seed: int = 0, 
     names, tally = problem.debris.surface.face_names(), Tally()
     untouched = float(score(problem, problem.angular_velocity))
     ends, estimate = [], untouched
+
+    def finish(face: int, x: np.ndarray, rounds: int) -> tuple[bool, float, int, np.ndarray, np.ndarray] | None:
+        """Where a descent ends: whether that is allowed, score, design and all values; None where nothing strikes."""
+        x, values = refine(problem, face, x, tally, rounds)
+        worth = float(values[0])
+        return (bool(values[1:].min() >= -ALLOWED), worth, face, x, values) if worth < LOST else None
+
+    def order(end) -> tuple[bool, float]:
+        return not end[0], end[1]
+
     for turn in range(1 + WIDER):
         count = starts if turn == 0 else MORE * starts
         places, least = find_starts(problem, count, seed=seed + TURN * turn, near=near)
         estimate = min(estimate, least)
-        for face, x in places:
-            x, values = refine(problem, face, x, tally)
-            if values[0] < LOST:
-                ends.append((bool(values[1:].min() >= -ALLOWED), float(values[0]), face, x, values))
-        ends.sort(key=lambda end: (not end[0], end[1]))
+        ends += [end for face, x in places if (end := finish(face, x, 1))]
+        ends.sort(key=order)
+        ends[:BEST] = [finish(face, x, ROUNDS) or end for end in ends[:BEST] for face, x in [end[2:4]]]
+        ends.sort(key=order)
         if not ends or not ends[0][0] or untouched - ends[0][1] < LEAST_GAIN * untouched:
             continue
         # Closed forms against closed forms: what they promise everywhere alike, no search can find.
