@@ -7,11 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import ddetumble as dd
 from ddetumble import InputError
 from ddetumble.cli import main
 from ddetumble.contact.sliding import RubberFriction
 from ddetumble.effects.slip import AdhesiveOffset, ViscousFriction
 from ddetumble.exam.simulators.campaigns import write_package
+from ddetumble.exam.simulators.impact_campaigns import make_campaign
 from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign
 from ddetumble.figures import draw_map, draw_next_test
 from ddetumble.inference.archive import load, make_fitted, save_model
@@ -33,6 +35,7 @@ from ddetumble.planning.distinguishability import (
 )
 from ddetumble.planning.next_test import design
 from ddetumble.planning.setting_ranges import list_extras, set_limits
+from ddetumble.selection.explanations import fit_bias
 from ddetumble.selection.problem import fit_reference, pose_selection
 from ddetumble.selection.settings import DEFAULT
 
@@ -197,6 +200,70 @@ def test_without_rivals_the_parameters_are_narrowed(rivals):
     assert found.proposals[0].narrowings[0].after < 0.8 * found.proposals[0].narrowings[0].before
 
 
+def fit_rival_settings(campaign, settings):
+    """Rubber friction with an error of each of these settings that all records share, as `discover` fits them."""
+    selection, fitted = fit_reference(pose_selection(campaign, RubberFriction()))
+    return [fit_bias(selection, fitted, name, "paper", "undecided") for name in settings]
+
+
+@pytest.mark.slow
+def test_an_effect_and_an_error_of_a_setting_are_rivals(rivals, tmp_path):
+    """Where a verdict leaves open whether an effect is missing or a setting reads wrong alike in all records, these are
+    told apart, and the calibration is told that decides: a seventh of the error, 50 noise variances from none."""
+    campaign = read_campaign(rivals / "campaign")
+    wrong, = fit_rival_settings(campaign, ["normal_load"])
+    for place, model in (("", load(rivals)), ("explanations/1", load(rivals)),
+                         ("explanations/2", wrong.fitted_model())):
+        save_model(tmp_path / place, model)
+    content = {"verdict": "undecided", "reason": "setting", "steps": [{"alternatives": []}], "explanations": [{}, {}]}
+    (tmp_path / "result.json").write_text(json.dumps(content))
+    found = design(tmp_path, channels=())
+    assert found.rivals[0] == "viscous-friction" and len(found.rivals) == 2 and found.reason == ""
+    one, = found.calibrations
+    assert one.setting == "normal_load" and one.bias == pytest.approx(-wrong.parameters["normal_load_shift"].estimate)
+    assert one.needed == pytest.approx(abs(one.bias) / np.sqrt(DEFAULT.decisive), rel=1e-9)
+    assert len(found.proposals[0].pairs) == 1 and found.proposals[0].pairs[0].distance > 0
+    # A setting that reads too high pulls at the next test, too: what it predicts there is not what the reference does.
+    curves = found.proposals[0].curves
+    assert set(curves) == set(found.rivals) and not np.allclose(*curves.values(), rtol=1e-3)
+    (tmp_path / "explanations" / "2" / "model.json").unlink()
+    with pytest.raises(InputError, match="run discover again"):
+        design(tmp_path)
+
+
+@pytest.mark.parametrize("content, reason", [
+    ({"verdict": "undecided", "reason": "rounding"}, "rounding"), ({"verdict": "explained"}, "")])
+def test_what_is_to_be_settled_first(rivals, tmp_path, content, reason):
+    """An undecided verdict between no two models hands its reason on to the design of the next test."""
+    save_model(tmp_path, load(rivals))
+    (tmp_path / "result.json").write_text(json.dumps({"steps": [{"alternatives": []}], **content}))
+    found = design(tmp_path, channels=(), limits={"speed": "0.1 m/s", "load": "10 N", "internal_pressure": "1 MPa"})
+    assert found.reason == reason and found.rivals == ("viscous-friction",) and found.calibrations == ()
+
+
+@pytest.mark.slow
+def test_a_verdict_between_a_gauge_and_an_effect(tmp_path):
+    """Four impacts of a ball whose membrane keeps part of its area: the verdict names what it cannot tell apart, every
+    setting and every effect, writes a model of each, and the design tells them apart, as does a calibration."""
+    made = make_campaign("four", 7, {"membrane-area": {"alpha": 0.4}}, {"effective_mass": 1.2, "restitution": 0.74},
+                         [1.0e6, 2.0e6], [0.25, 0.35], 1, interval=2.5e-4)
+    write_package(tmp_path / "campaign", made)
+    found = dd.discover(tmp_path / "campaign")
+    assert (found.verdict, found.reason, found.effects) == ("undecided", "setting", ())
+    (first, others), = found.dropped
+    effects = [one.effects for one in found.explanations if one.setting is None]
+    settings = [one.setting for one in found.explanations if one.setting is not None]
+    assert effects == [(one,) for one in (first, *(e for (e,) in effects[1:]))]
+    assert {e for (e,) in effects[1:]} == set(others) and settings == [one.name for one in found.biases]
+    assert any("membrane-area" in one for one in effects)
+    found.save(tmp_path / "discovery")
+    planned = design(tmp_path / "discovery", channels=())
+    assert len(planned.rivals) == len(found.explanations) and planned.rivals == design(found, channels=()).rivals
+    assert [one.setting for one in planned.calibrations] == settings
+    for one, told in zip(planned.calibrations, found.biases, strict=True):
+        assert one.bias == pytest.approx(told.bias, rel=0.15)
+
+
 @pytest.mark.parametrize("option, says", [
     (["--limit", "slip_speed=2..1 m/s"], "must have the lower value first"),
     (["--limit", "slip_speed=0.1..1"], "needs a unit"),
@@ -287,7 +354,6 @@ def test_a_channel_is_proposed(tmp_path):
     """Gain of the gauge against a larger contact, conditions held: the depression parts them, the force does not."""
     from ddetumble.contact.law import Ball
     from ddetumble.effects.impact import MembraneArea, SensorGain
-    from ddetumble.exam.simulators.impact_campaigns import make_campaign
 
     made = make_campaign("held", 3, {"sensor-gain": {"g": 1.08}}, {"effective_mass": 1.4, "restitution": 0.75},
                          [1.0e6, 1.1e6], [0.4], 2, interval=1e-3)

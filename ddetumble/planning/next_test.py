@@ -1,6 +1,7 @@
 """The next test: conditions, or a channel to add, that best tell apart what a campaign could not."""
 
 import dataclasses as dc
+import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
@@ -14,13 +15,14 @@ from .._display import Progress
 from .._errors import ComputationError, InputError
 from .._sentences import say, tell
 from ..families import find_family, list_families
-from ..inference.archive import AbstractFitted, FittedModel, load, take_fitted
+from ..inference.archive import FILE, AbstractFitted, FittedModel, load, take_fitted
 from ..inference.files import AbstractWritten, list_fields, list_versions, make_plain
 from ..measurement.quantities import describe_quantity, format_plain, join_words
 from ..posterior.stacking import read_discovery
 from ..selection.discovery import Discovery
-from ..selection.result import RESULT
+from ..selection.result import EXPLANATIONS, OPEN, RESULT
 from ..selection.settings import DEFAULT
+from ..selection.verdict_facts import MEASURING
 from .distinguishability import (
     Distances,
     Preview,
@@ -90,15 +92,47 @@ class Proposal:
     repeats: int | None  # after which every pair that can be told apart is; None where no pair can
     at_limit: tuple[str, ...]  # conditions that stand at a limit
     narrowings: tuple[Narrowing, ...]  # of the parameters, where there is one model only, the most narrowed first
-    time: np.ndarray  # samples of the test [s or m], shape (samples,)
+    time: np.ndarray = dc.field(repr=False)  # samples of the test [s or m], shape (samples,)
     channels: tuple[str, ...]  # names
-    curves: Mapping[str, np.ndarray]  # predicted channels by rival, each shape (channels, samples), SI
+    # Predicted channels by rival, each shape (channels, samples), SI.
+    curves: Mapping[str, np.ndarray] = dc.field(repr=False)
     noise: Mapping[str, float]  # standard deviation of one sample by channel, SI
 
     @property
     def split(self) -> int:
         """How many pairs it tells apart."""
         return sum(pair.repeats is not None for pair in self.pairs)
+
+
+@dc.dataclass(frozen=True)
+class Calibration:
+    """What a calibration of the gauge of one setting would decide."""
+
+    setting: str  # name of the condition
+    bias: float  # share by which it reads too high where the rival with this error is true, and its deviation
+    sd: float
+    needed: float  # standard deviation of the calibration, as a share, that tells this from no error by `decisive`
+
+
+@dc.dataclass(frozen=True)
+class Question:
+    """What the next test is to decide.
+
+    Attributes:
+        rivals: models to tell apart; a single one where its parameters are to be narrowed.
+        names: of these.
+        verdict: of the discovery, `fit` where there is none.
+        calibrations: of the settings whose error one of the rivals is.
+        reason: why an undecided verdict is so, as `result.json` has it.
+        records: that are to be repeated first.
+    """
+
+    rivals: tuple[FittedModel, ...]
+    names: tuple[str, ...]
+    verdict: str
+    calibrations: tuple[Calibration, ...] = ()
+    reason: str = ""
+    records: tuple[str, ...] = ()
 
 
 @dc.dataclass(frozen=True)
@@ -114,6 +148,8 @@ class Design(AbstractWritten):
     proposals: tuple[Proposal, ...]  # the one to take first
     target: float  # noise variances between two rivals from which they count as told apart
     sentence: str  # what to do, in plain words
+    calibrations: tuple[Calibration, ...] = ()  # that decide as well, where an error of a setting is among the rivals
+    reason: str = ""  # why an undecided verdict is so, where no two models are left between which it is
     notes: tuple[str, ...] = ()  # further sentences
 
     def __str__(self) -> str:
@@ -126,7 +162,7 @@ class Design(AbstractWritten):
         return make_plain({**list_fields(self), "proposals": proposals, "versions": list_versions()})
 
 
-def design(models: str | Path | Fitted | Sequence[Fitted], *, limits: Mapping[str, Range] | Sequence[str] | None = None,
+def design(models: str | Path | Fitted | Sequence[str | Path | Fitted], *, limits: Mapping[str, Range] | Sequence[str] | None = None,
            channels: Mapping[str, str] | Sequence[str] | None = None, length: float | None = None,
            progress: Progress | None = None) -> Design:
     """Find the test that best distinguishes the models that a discovery could not.
@@ -134,11 +170,12 @@ def design(models: str | Path | Fitted | Sequence[Fitted], *, limits: Mapping[st
     Of each pair of rivals it is asked how far their predictions of the test stay apart when either is refitted, with
     the old campaign as prior and the test's own conditions and time origin free within their uncertainty. The mean of
     ln(1 + squared distance) over the pairs is climbed by its gradient through both models. Two rivals count as told
-    apart from 50 noise variances on: then `discover` drops the worse one. Where nothing is confounded, the test
-    that narrows the parameters most is sought.
+    apart from 50 noise variances on: then `discover` drops the worse one. Where a verdict leaves open whether an effect
+    is missing or a setting is wrong alike in all records, these are the rivals, and the calibration that decides is
+    told beside the test. Where nothing is confounded, the test that narrows the parameters most is sought.
 
     Args:
-        models: what `discover` or `fit` returned, several fits of one campaign, or a folder that they wrote.
+        models: what `discover` or `fit` returned, or a folder that they wrote; or several of these, of one campaign.
         limits: `NAME=LOW..HIGH UNIT` or `NAME=VALUE UNIT`, or by condition `"0.2..2 m/s"` or (low, high) in SI; the
             campaign's range, extended, elsewhere.
         channels: `NAME: NOISE UNIT` of channels that could be added; the usual ones where not given.
@@ -149,12 +186,12 @@ def design(models: str | Path | Fitted | Sequence[Fitted], *, limits: Mapping[st
         InputError: there is no fitted model, or an option makes no sense.
         ComputationError: a rival could not be integrated anywhere within the limits.
     """
-    rivals, verdict = list_confused(models)
+    question = list_confused(models)
+    rivals, names = question.rivals, question.names
     if length is not None and not length > 0:
         raise InputError(f"the length of a record must be positive, not {length:g}")
     chosen, extras = set_limits(rivals[0], limits), list_extras(rivals[0], channels)
     preview = preview_test(rivals, chosen, extras, length=length)
-    names = tuple(" + ".join(m.effects) or m.model for m in rivals)
     proposals: list[Proposal] = []
     for k, extra in enumerate((None, *extras)):
         if extra is not None and channels is None and proposals[0].split == len(proposals[0].pairs) > 0:
@@ -170,23 +207,68 @@ def design(models: str | Path | Fitted | Sequence[Fitted], *, limits: Mapping[st
         proposals.append(_propose(preview, mask, x, extra, names, rivals[0]))
     # The campaign's own channels first among those that tell as many pairs apart by as few repeats.
     ranked = sorted(proposals, key=lambda one: (-one.split, one.repeats or 0, one.extra is not None))
-    found = Design(rivals[0].campaign, rivals[0].family, verdict, names, chosen, tuple(ranked), DEFAULT.decisive, "")
-    return _explain(found, rivals[0])
+    found = Design(rivals[0].campaign, rivals[0].family, question.verdict, names, chosen, tuple(ranked),
+                   DEFAULT.decisive, "", question.calibrations, question.reason if len(rivals) == 1 else "")
+    return _explain(found, question)
 
 
-def list_confused(models: str | Path | Fitted | Sequence[Fitted]) -> tuple[list[FittedModel], str]:
-    """The best model and its rivals, and the verdict (`fit` where no discovery gives one). Refused where there is no
-    fitted model, the rivals were not written, or they are of several campaigns.
+def list_confused(models: str | Path | Fitted | Sequence[str | Path | Fitted]) -> Question:
+    """What is to be told apart: the models between which a verdict leaves open, else the best model and its rivals, else
+    those that were given. Refused where there is no fitted model, the rivals were not written, or they are of several
+    campaigns.
     """
-    if isinstance(models, (str, Path)):
-        folder = Path(models)
-        return read_discovery(folder) if (folder / RESULT).is_file() else ([load(folder)], "fit")
+    if isinstance(models, (str, Path)) and (Path(models) / RESULT).is_file():
+        return _read_question(Path(models))
     if isinstance(models, Discovery):
-        return [models.fitted_model(), *(one.fitted_model() for one in models.rivals)], models.verdict
-    found = [take_fitted(one) for one in ([models] if isinstance(models, (FittedModel, AbstractFitted)) else models)]
+        rivals = [one.fitted_model() for one in models.explanation_fits] or [
+            models.fitted_model(), *(one.fitted_model() for one in models.rivals)]
+        return _ask(rivals, models.verdict, models.reason, [f.records for f in models.faults if f.kind == "doubtful"])
+    found = [take_fitted(one) for one in (
+        [models] if isinstance(models, (str, Path, FittedModel, AbstractFitted)) else models)]
     if len({(one.sha256, type(one.space.reference)) for one in found}) != 1:
         raise InputError("the models must be fits to one campaign that extend one reference model")
-    return found, "fit" if len(found) == 1 else "undecided"
+    return _ask(found, "fit" if len(found) == 1 else "undecided")
+
+
+def _read_question(folder: Path) -> Question:
+    """The same of a folder that `discover` wrote."""
+    rivals, verdict = read_discovery(folder)
+    content = json.loads((folder / RESULT).read_text(encoding="utf-8"))
+    places = sorted((file.parent for file in folder.glob(f"{EXPLANATIONS}/*/{FILE}")),
+                    key=lambda place: (len(place.name), place.name))
+    # Files of earlier versions name an error of a setting, and hold no model of it.
+    expected = content.get("explanations", content.get("setting_biases", ()))
+    if len(places) < len(expected):
+        raise InputError("the models between which the verdict leaves open are not in this folder; run discover again",
+                         file=folder)
+    rivals = [*map(load, places)] or rivals
+    doubtful = [one["records"] for one in content.get("faults", ()) if one["kind"] == "doubtful"]
+    return _ask(rivals, verdict, content.get("reason", ""), doubtful)
+
+
+def _ask(rivals: Sequence[FittedModel], verdict: str, reason: str = "", doubtful: Sequence[Sequence[str]] = ()
+         ) -> Question:
+    """The question that models put, with their names and the calibrations that would answer it."""
+    shared = [{common.slot.name for common in one.space.commons} for one in rivals]
+    # Errors that the campaign itself states are in every one of them.
+    stated = set.intersection(*shared) if len(rivals) > 1 else set()
+    names, calibrations = [], {}
+    for one in rivals:
+        parts = list(one.effects)
+        for common in one.space.commons:
+            name = common.slot.name
+            made = one.extra.get("made_by") == "discover" and common.relative and common.column in one.ranges
+            if name in stated or not made or name not in one.free:
+                continue
+            parts.append(f"an error of the {describe_quantity(common.column).name}")
+            k = one.free.index(name)
+            bias, sd = -float(one.u[one.space.index[name]]), float(np.sqrt(max(one.covariance[k, k], 0.0)))
+            calibrations[common.column] = Calibration(common.column, bias, sd, abs(bias) / float(np.sqrt(DEFAULT.decisive)))
+        names.append(" + ".join(parts) or one.model)
+    # Two fits of one model in different folders are told apart by these.
+    names = [f"{name} ({k + 1})" if names.count(name) > 1 else name for k, name in enumerate(names)]
+    return Question(tuple(rivals), tuple(names), verdict, tuple(calibrations.values()), reason,
+                    tuple(record for records in doubtful for record in records))
 
 
 def search_conditions(preview: Preview, mask: np.ndarray) -> tuple[np.ndarray, float]:
@@ -300,14 +382,19 @@ def _narrow(saved: FittedModel, found: Distances) -> tuple[Narrowing, ...]:
     return tuple(sorted(narrowed, key=lambda n: n.after / max(n.before, 1e-300)))
 
 
-def _explain(found: Design, saved: FittedModel) -> Design:
+def _explain(found: Design, question: Question) -> Design:
     """With its sentence, and notes on what was assumed and what else there is."""
     best, *others = found.proposals
+    sensors = sorted({e.id for one in question.rivals for e in one.space.effects if e.stage in MEASURING})
     sentence = say("plan.next_test", rivals=found.rivals, verdict=found.verdict, best=best,
                    test=describe_test(best, found.limits), more=find_family(found.family).plan.added, most=MOST,
-                   decisive=DEFAULT.decisive, little=LITTLE)
+                   decisive=DEFAULT.decisive, little=LITTLE, reason=found.reason, records=question.records,
+                   lacking=found.verdict in OPEN or (found.verdict == "fit" and question.rivals[0].misfit is not None),
+                   sensors=sensors if len(found.rivals) > 1 else [],
+                   calibrations=[(describe_quantity(one.setting).name, one.bias > 0, abs(one.bias), one.needed)
+                                 for one in found.calibrations])
     notes = tell(
-        "plan.next_test_notes", best=best, others=[(one, describe_test(one, found.limits)) for one in others],
+        "plan.next_test_notes", best=best, decisive=DEFAULT.decisive, others=[(one, describe_test(one, found.limits)) for one in others],
         alone=len(found.rivals) == 1, most=MOST, ranges=[_describe_limit(one) for one in found.limits if one.free],
         held=[_describe_limit(one) for one in found.limits if not one.free], at_limit=best.at_limit,
         assumed=[f"{one.extra.name} {one.extra.sd:g} {one.extra.unit}".removesuffix(" 1") for one in found.proposals

@@ -25,6 +25,7 @@ from .ambient import find_other_zero
 from .bias import SettingBias, find_bias, matches_effects, stand_in
 from .describe import describe_candidates, describe_noise, describe_spread, describe_step, list_loose, make_fit
 from .discovery import Discovery
+from .explanations import list_added, list_explanations
 from .forward_selection import (
     FittedStep,
     Path,
@@ -42,7 +43,7 @@ from .result import OPEN, MissingForce, Place, Rounding
 from .rounding import find_rounding
 from .series import make_traces, nrmse
 from .settings import DEFAULT, SelectionSettings
-from .verdict_facts import list_doubts, list_notes, tell_discovery
+from .verdict_facts import list_doubts, list_notes, name_reason, tell_discovery
 
 
 def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
@@ -126,6 +127,10 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     rivals = [last.tried.refined[e] for e, _, _ in last.alternatives] if last.tried is not None else []
     made = (tuple(partial(make_fit, selection, step.fitted, name, verdict) for step in steps),
             tuple(partial(make_fit, selection, rival, name, verdict) for rival in rivals))
+    unsure = (questions or end.irregular or end.rounding is not None
+              or any(fault.kind == "doubtful" for fault in state.faults))
+    sufficient = [] if unsure else [c.effect for c in candidates if c.explains > settings.largest_part]
+    explanations, makers = list_explanations(path, end.dropped or steps, end.biases, sufficient, name, verdict)
     found = Discovery(
         campaign=campaign.name, title=campaign.title, family=campaign.family, sha256=campaign.sha256, model=name,
         verdict=verdict, effects=last.fitted.effects, steps=tuple(described), candidates=tuple(candidates),
@@ -136,9 +141,11 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
         faults=state.faults, doubts=doubts, references=tuple(
             _describe_reference(n, kind.models[n].text, *one) for n, one in reached.items()),
         spread=describe_spread(selection), irregular=end.irregular, biases=tuple(end.biases), shared_error=shared,
-        rounding=end.rounding,
-        missing=end.missing if isinstance(end.missing, MissingForce) and not end.irregular else None, made=made)
+        rounding=end.rounding, dropped=list_added(end.dropped) if end.dropped else (), explanations=explanations,
+        missing=end.missing if isinstance(end.missing, MissingForce) and not end.irregular else None,
+        made=(*made, makers))
     family, left_out = selection.family, selection.left_out
+    found = dc.replace(found, reason=name_reason(found, bool(questions)))
     notes = list_notes(found, family, left_out, asked.name, end.missing if isinstance(end.missing, str) else "",
                        list_exact(campaign) if rejected else [], list_loose(selection, last.fitted.solution))
     return dc.replace(found, sentence=tell_discovery(found, family, left_out, bool(questions), asked.name),
@@ -241,6 +248,7 @@ class Conclusion:
     irregular: bool = False  # whether what is left may be noise or settings that are not as stated
     rounding: Rounding | None = None
     biases: Sequence[SettingBias] = ()
+    dropped: Sequence[FittedStep] = ()  # the search whose effects gave way to what is open, with the first step
 
 
 def _conclude(path: Path, questions: bool, report: Progress) -> Conclusion:
@@ -264,18 +272,19 @@ def _conclude(path: Path, questions: bool, report: Progress) -> Conclusion:
             verdict = "undecided"
     rounding = find_rounding(selection, steps) if len(steps) > 1 else None
     if rounding is not None:
-        return Conclusion("undecided", steps[:1], [], None, unphysical, rounding=rounding)
+        return Conclusion("undecided", steps[:1], [], None, unphysical, rounding=rounding, dropped=steps)
     biases: list[SettingBias] = []
+    dropped: Sequence[FittedStep] = ()
     if len(steps) > 1 and selection.holds_out:
         biases, partly = stand_in(selection, [step.fitted for step in steps])
         if matches_effects(biases, steps[-1].fitted.merit, selection.find_effects(steps[-1].fitted.effects)):
             # Where the effects leave a misfit and the bias none, nothing speaks for them.
-            verdict, steps = "nothing-missing" if steps[-1].lack.rejected else "undecided", steps[:1]
+            verdict, steps, dropped = "nothing-missing" if steps[-1].lack.rejected else "undecided", steps[:1], steps
         else:
             biases += partly
     if path.ambiguous and verdict == "nothing-missing":
         verdict, irregular = "undecided", True
-    return Conclusion(verdict, steps, where, missing, unphysical, irregular, biases=biases)
+    return Conclusion(verdict, steps, where, missing, unphysical, irregular, biases=biases, dropped=dropped)
 
 
 def _doubt_record(end: Conclusion, state: Cleaned, wander: bool) -> Conclusion:
@@ -287,7 +296,7 @@ def _doubt_record(end: Conclusion, state: Cleaned, wander: bool) -> Conclusion:
     unsure = (*OPEN, "nothing-missing") if wander else OPEN
     if end.verdict in unsure and any(fault.kind == "doubtful" for fault in state.faults):
         return dc.replace(end, verdict="undecided", steps=end.steps[:1], where=[], missing=None, biases=(),
-                          irregular=False)
+                          irregular=False, dropped=())
     return end
 
 

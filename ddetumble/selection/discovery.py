@@ -2,7 +2,7 @@
 
 import dataclasses as dc
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,8 @@ from ..measurement.faults import Fault
 from ..measurement.quantities import clean
 from .bias import SettingBias
 from .confidence import Confidence, find_confidence, list_allowances
-from .result import OPEN, RESULT, RIVALS, Candidate, MissingForce, Place, Rounding, SettingSpread, Step, list_shifts
+from .explanations import Added, Explanation, Makers
+from .result import EXPLANATIONS, OPEN, RESULT, RIVALS, Candidate, MissingForce, Place, Rounding, SettingSpread, Step, list_shifts
 from .settings import DEFAULT, SelectionSettings
 from .text import align, choose_view, format_candidates, format_steps, say_place, say_verdict, show_estimate, wrap
 
@@ -44,12 +45,16 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
         spread: settings that scatter more than stated, which the fits allow for.
         biases: errors of single settings, shared by all records, that explain them as well as the effects do.
         shared_error: of one setting in all records, which the models allow for beside what the campaign states.
+        reason: why the verdict is `undecided`: `unit`, `setting`, `record`, `rounding`, `noise`, `conditions` (too few)
+            or `records` (too few or too short); empty for any other.
         rounding: effects that change no more than the digits of the gauge might; the verdict is then `undecided`.
+        dropped: effects that gave way to an error of a setting or to rounding, each with those it was not told from.
+        explanations: models between which the verdict leaves open; none where it leaves nothing open but the `rivals`.
         irregular: whether the misfit that is left is none of a force's: no force of any variable removes any of it on
             conditions that are left out, and nothing of it repeats over the records. If the verdict is `undecided`,
             that could not be judged, or baselines that wander fit as well as a force might.
         missing: the missing force itself, for the verdicts `improved` and `unexplained`.
-        made: what makes the fits: of every step, and of the rivals of the last one.
+        made: what makes the fits: of every step, of the rivals of the last one, and of the explanations.
     """
 
     campaign: str
@@ -74,11 +79,13 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
     spread: tuple[SettingSpread, ...] = ()
     biases: tuple[SettingBias, ...] = ()
     shared_error: SettingBias | None = None
+    reason: str = ""
     rounding: Rounding | None = None
+    dropped: Added = ()
+    explanations: tuple[Explanation, ...] = ()
     irregular: bool = False
     missing: MissingForce | None = None
-    made: tuple[tuple[Callable[[], Fit], ...], tuple[Callable[[], Fit], ...]] = dc.field(
-        default=((), ()), repr=False, compare=False)
+    made: tuple[Makers, Makers, Makers] = dc.field(default=((), (), ()), repr=False, compare=False)
 
     @functools.cached_property
     def fits(self) -> tuple[Fit, ...]:
@@ -89,6 +96,11 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
     def rivals(self) -> tuple[Fit, ...]:
         """Models that the last step could not be told from, as `fit` returns one."""
         return tuple(make() for make in self.made[1])
+
+    @functools.cached_property
+    def explanation_fits(self) -> tuple[Fit, ...]:
+        """The `explanations` as `fit` returns one; an error that all records share is a parameter, `NAME_shift`."""
+        return tuple(make() for make in self.made[2])
 
     @property
     def allowances(self) -> tuple[str, ...]:
@@ -155,7 +167,8 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
     def save(self, folder: Path | str) -> Path:
         """Write `result.json`, and `model.json` with the grown model for `predict`, into a folder; returns the first.
 
-        Every model that the last step could not tell from the best one is written to `rivals/NUMBER/model.json`.
+        Every model that the last step could not tell from the best one is written to `rivals/NUMBER/model.json`, and
+        every one of the `explanations` to `explanations/NUMBER/model.json`.
 
         Raises:
             InputError: the folder cannot be written.
@@ -163,10 +176,12 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
         folder = Path(folder)
         if self.made[0]:
             save_model(folder, self.fitted_model())
-            for old in (folder / RIVALS).glob(f"*/{FILE}"):  # of an earlier discovery
-                old.unlink()
-            for number, rival in enumerate(self.rivals, 1):
-                save_model(folder / RIVALS / str(number), self._mark(rival))
+            for part, fits in ((RIVALS, self.rivals), (EXPLANATIONS, self.explanation_fits)):
+                for old in (folder / part).glob(f"*/{FILE}"):  # of an earlier discovery
+                    old.unlink()
+                for number, one in enumerate(fits, 1):
+                    save_model(folder / part / str(number),
+                               self._mark(one) if part == RIVALS else one.fitted_model())
         write_json(folder / RESULT, {**self.to_dict(), "versions": list_versions()})
         return folder / RESULT
 
@@ -189,6 +204,8 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
             "parameters": last.parameters, "correlations": last.correlations, "nuisances": list_shifts(last.shifts),
             "lack_of_fit": self.steps[0].lack_of_fit, "setting_spread": self.spread,
             "setting_biases": self.biases, "shared_error": self.shared_error, "rounding": self.rounding,
+            "reason": self.reason, "dropped": [{"effect": effect, "alternatives": others} for effect, others in self.dropped],
+            "explanations": self.explanations,
             "allowances": self.allowances,
             "confidence": self.confidence,
             "missing_force": self.missing and self.missing.to_dict(settings=False),

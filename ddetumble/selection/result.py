@@ -15,6 +15,7 @@ from .settings import DEFAULT, SelectionSettings
 RESULT = "result.json"  # what `save` writes for programs
 OPEN = ("improved", "unexplained")  # verdicts that leave a misfit
 RIVALS = "rivals"  # folder of the models that the last step could not tell from the best one
+EXPLANATIONS = "explanations"  # folder of the models between which a verdict leaves open
 
 
 @dc.dataclass(frozen=True)

@@ -165,6 +165,17 @@ def _rests_on_record(found: Discovery) -> bool:
             and found.rounding is None and not found.irregular and bool(_list_doubtful(found)))
 
 
+def name_reason(found: Discovery, units: bool) -> str:
+    """Why a verdict is undecided, by the evidence that counts first; empty for any other. `units`: whether one is in
+    doubt."""
+    if found.verdict != "undecided":
+        return ""
+    reasons = (("unit", units and bool(found.doubts)), ("setting", bool(found.biases)),
+               ("record", _rests_on_record(found)), ("rounding", found.rounding is not None),
+               ("noise", found.irregular), ("conditions", found.steps[0].lack_of_fit.rejected), ("records", True))
+    return next(name for name, holds in reasons if holds)
+
+
 def list_notes(found: Discovery, family: Family, left_out: Sequence[str], asked: str, undrawn: str,
                exact: Sequence[str], loose: Sequence[str]) -> list[str]:
     """What was assumed, and what could not be seen: why no missing force was drawn, `exact` settings that state no
@@ -225,8 +236,9 @@ def _tell_verdict(found: Discovery, family: Family, folds: str) -> Sentence:
         return say("verdict.nothing_missing", model=model, records=records, p=lack.p_value, level=lack.level,
                    detectable=detectable)
     if found.verdict == "undecided" and found.biases:
-        return say("verdict.bias_or_effect", model=model, before=before, p=p, bias=_describe_bias(found.biases[0]),
-                   effects=list(found.biases[0].effects))
+        return say("verdict.bias_or_effect", model=model, before=before, p=p,
+                   biases=[_describe_bias(one) for one in found.biases],
+                   choices=[(added, list(others)) for added, others in found.dropped])
     if _rests_on_record(found):
         record = _list_doubtful(found)[0]
         if not lack.rejected:
@@ -234,7 +246,7 @@ def _tell_verdict(found: Discovery, family: Family, folds: str) -> Sentence:
         return say("verdict.one_record_or_more", model=model, before=before, p=p, record=record)
     if found.verdict == "undecided" and found.rounding is not None:
         return say("verdict.rounding", model=model, before=before, p=p, effects=list(found.rounding.effects),
-                   channels=list(found.rounding.digits))
+                   choices=[(added, list(others)) for added, others in found.dropped], channels=list(found.rounding.digits))
     if found.verdict == "undecided" and found.irregular:
         if lack.rejected:
             return say("verdict.unrelated", model=model, records=records, before=before, p=p, folds=family.folds,
