@@ -13,9 +13,10 @@ from ddetumble import figures
 from ddetumble.figures import planning
 from ddetumble.figures.style import SpacedLocator, apply_style, new_axes
 from ddetumble.figures.traces import find_stretch
-from ddetumble.measurement.quantities import describe_quantity, shorten_names, typeset
+from ddetumble.measurement.quantities import describe_quantity, format_small_share, shorten_names, typeset
 from ddetumble.measurement.units import format_time
 from ddetumble.reports import Picture, Section, Table, write_page
+from ddetumble.reports.findings import _list_facts
 from ddetumble.reports.page import HEADLINE, SHORTEST, begin_sentence, split_sentence
 from ddetumble.selection.result import Place, Trace
 from ddetumble.selection.text import choose_view, describe_place
@@ -167,6 +168,29 @@ def test_numbers_of_a_narrow_range_have_room(low, high, width):
         spans = [one.get_window_extent() for one in axes.get_xticklabels()
                  if low <= one.get_position()[0] <= high and one.get_text()]
     assert spans and all(one.x1 < other.x0 for one, other in itertools.pairwise(spans))
+
+
+def test_predictions_from_settings_as_written_are_drawn():
+    """Where a model fits only with settings moved, the error that falls is that of predictions from those as written:
+    it is drawn, the axis reaches it, and it leads the numbers of the page; elsewhere nothing of it is drawn."""
+    found = make_slip_discovery()
+    first, last = found.steps
+    plain = figures.draw_error_by_step(found)
+    same = dc.replace(found, steps=(dc.replace(first, prediction_nrmse=1.05 * first.heldout_nrmse), last))
+    assert figures.render_png(figures.draw_error_by_step(same)) == figures.render_png(plain)
+    assert _list_facts(same)[0][0] == _list_facts(found)[0][0]
+    steps = [dc.replace(step, prediction_nrmse=error) for step, error in ((first, 0.5), (last, 0.0108))]
+    moved = dc.replace(found, steps=tuple(steps))
+    axes, before = figures.draw_error_by_step(moved).axes[0], plain.axes[0]
+    assert len(axes.collections) == len(before.collections) + 2 and axes.get_xlim()[1] > 50 > before.get_xlim()[1]
+    what, value, _ = _list_facts(moved)[0]
+    assert "prediction" in what and value == "50.0 % → 1.08 %"
+
+
+def test_small_shares_are_no_zero():
+    """A visible share of 0.4 % is told as such; whole per cents where a digit more says nothing."""
+    shares = (0.0, 0.0004, 0.004, 0.0098, 0.0099, 0.014, 0.72)
+    assert [format_small_share(x) for x in shares] == ["0 %", "0 %", "0.4 %", "1.0 %", "1.0 %", "1 %", "72 %"]
 
 
 @pytest.mark.parametrize("narrow", [False, True])

@@ -30,7 +30,9 @@ from ddetumble.selection.lack_of_fit import (
     score_directions,
 )
 from ddetumble.selection.problem import Fitted
+from ddetumble.selection.result import SettingShift
 from ddetumble.selection.settings import SelectionSettings
+from ddetumble.selection.verdict_facts import describe_level
 
 
 RECORDS, ROWS, SHARED, OWN = 6, 40, 3, 2
@@ -712,6 +714,19 @@ def test_when_another_fits_far_better():
     assert not fits_better(fitted([0.0], chi2=495.0, names=("a", "b")), best, before)
     near, low = fitted([0.0], chi2=960.0), fitted([0.0], chi2=915.0)
     assert not fits_better(low, near, before) and fits_better(fitted([0.0], chi2=905.0), near, before)
+
+
+@pytest.mark.parametrize(("shifts", "share", "alike"), [
+    ([-41.0, -43.0, -39.0], -0.12, True), ([-41.0, 43.0, -39.0], -0.04, False), ([5.0, 4.0, 6.0, 1.0], 0.01, False),
+    ([-41.0, -43.0], -0.12, False), ([3.0, 3.0, 3.0], None, False)])
+def test_shifts_that_all_records_share(shifts, share, alike):
+    """As of one gauge that reads wrong: the same in three records or more, but for a scatter of a third."""
+    shifts = np.array(shifts)
+    worst = int(np.argmax(np.abs(shifts)))
+    one = SettingShift("initial_pressure", 3e3, float(np.sqrt(np.mean(shifts**2))), shifts[worst], f"r{worst}", 1e-9,
+                       shifts, share)
+    assert one.is_alike is alike
+    assert describe_level(0.02, 0.02, [one], 0.08)["moved"]["alike"] == (share if alike else None)
 
 
 def test_shifts_are_weighed_together_and_alone():

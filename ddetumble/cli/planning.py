@@ -11,9 +11,12 @@ from .progress import show_progress
 
 
 @command("design", "Design the next test, which best separates what is still confounded.", "design discovery",
+         "design fit-adhesion fit-wall-stiffness",
          'design discovery --limit "approach_speed=0.2..2 m/s" --channel "pressure: 200 Pa" -o next')
 def design_test(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that discover or fit wrote.")],
+    folders: Annotated[list[Path], typer.Argument(
+        metavar="DIR...", help="Folder that discover or fit wrote. Several, fits of one campaign, are the models to "
+        "tell apart.")],
     limit: Annotated[Texts, option(
         "NAME=LOW..HIGH UNIT", "Range of a condition, or one value; may be repeated. If not given, the campaign's "
         "own range, extended.")] = None,
@@ -24,14 +27,17 @@ def design_test(
     output: Annotated[Path | None, place("Also write design.json and a figure here.")] = None,
     overwrite: Overwrite = False,
 ):
-    """Find the conditions, or the channel to add, that best distinguish what a discovery could not, and how many tests
-    that takes. Where nothing is confounded: the test that reduces the uncertainty of the parameters most.
+    """Find the conditions, or the channel to add, that best distinguish what a discovery could not, or models that are
+    named, and how many tests that takes. Where a setting may be wrong alike in all records: the calibration that
+    decides, too. Where nothing is confounded: the test that reduces the uncertainty of the parameters most.
     """
     with open_optional(output, "design", overwrite) as out:
         from ..planning.next_test import design
 
-        with show_progress(f"designing the next test for {folder}") as report:
-            found = design(locate_fit(folder), limits=limit, channels=channel, length=length, progress=report)
+        places = [locate_fit(folder) for folder in folders]
+        with show_progress(f"designing the next test for {' and '.join(map(str, folders))}") as report:
+            found = design(places if len(places) > 1 else places[0], limits=limit, channels=channel, length=length,
+                           progress=report)
         if out is not None:
             from ..figures import draw_next_test, render_png
 

@@ -126,8 +126,12 @@ def discover_effects(
     if near is not None:
         typer.echo(f"To begin with the nearer reference model: ddetumble discover {shlex.quote(campaign)} "
                    f"-m {near['model']}")
-    if result.steps[-1].alternatives:
-        typer.echo(f"The test that tells them apart: ddetumble design {shlex.quote(str(target))}")
+    where = shlex.quote(str(target))
+    if result.explanations or result.steps[-1].alternatives:
+        typer.echo(f"The test that tells them apart: ddetumble design {where}")
+    elif result.verdict in ("explained", "nothing-missing"):
+        typer.echo(f"Other conditions: ddetumble predict {where} CONDITIONS.csv -o predictions.csv")
+        typer.echo(f"The next test, which narrows its parameters most: ddetumble design {where}")
 
 
 @command("missing", "Draw the force that a model lacks, and the simple laws that would draw it.",

@@ -21,6 +21,7 @@ from ..measurement.quantities import (
 from ..selection.compare import Comparison, Comparisons
 from ..selection.discovery import Discovery
 from ..selection.result import Candidate, Estimate, Step
+from ..selection.series import relies_on_settings
 from ..selection.settings import DEFAULT
 from .palette import AFTER, BEFORE, FAINT, FLOOR, GREY, INK, KIN, OTHER, PALE
 from .style import (
@@ -52,7 +53,8 @@ ADDED, ALIKE, IDLE, UNSEEN = KINDS
 @styled
 def draw_error_by_step(steps: Comparisons | Discovery | Sequence[Step | Comparison], names: Sequence[str] = (),
                        floor: float = math.nan, narrow: bool = False):
-    """One row a model of the loop: its error, fitted and cross-validated, with the noise floor drawn in.
+    """One row a model of the loop: its error, fitted and cross-validated, with the noise floor drawn in; where settings
+    that were moved did a model's work, the error of its predictions from settings as written down, too.
 
     Args:
         steps: what `discover`, or `compare` of several models, returned; or steps or comparisons, in the order in which
@@ -71,7 +73,9 @@ def draw_error_by_step(steps: Comparisons | Discovery | Sequence[Step | Comparis
     figure = new_figure(1.5 + 1.1 * len(steps), NARROW) if narrow else new_figure(1.15 + 0.62 * len(steps), WIDTH)
     labels = [""] * len(steps) if narrow else [wrap_text(name, 3.0, 10) for name in names]
     axes = dress_rows(figure.add_subplot(), labels, 0.45, fontsize=10)
-    errors = [100 * error for step in steps for error in (step.nrmse, step.heldout_nrmse) if math.isfinite(error)]
+    moved = relies_on_settings(steps)
+    errors = [100 * error for step in steps for error in (
+        step.nrmse, step.heldout_nrmse, *((step.prediction_nrmse,) if moved else ())) if math.isfinite(error)]
     noise = 100 * floor if math.isfinite(floor) else 0.0
     top = max([*errors, noise, 1e-6])
     room = 0.06 if narrow else 0.6  # for words at the right, as a share of the axes
@@ -90,16 +94,22 @@ def draw_error_by_step(steps: Comparisons | Discovery | Sequence[Step | Comparis
     for row, (name, step) in enumerate(zip(names, steps, strict=True)):
         colour = BEFORE if row == 0 and len(steps) > 1 else AFTER
         fitted, held = 100 * step.nrmse, 100 * step.heldout_nrmse
-        previous = 100 * steps[row - 1].nrmse if row else math.nan
-        if math.isfinite(previous) and math.isfinite(fitted):
+        falls = 100 * (step.prediction_nrmse if moved else step.nrmse)
+        previous = 100 * (steps[row - 1].prediction_nrmse if moved else steps[row - 1].nrmse) if row else math.nan
+        if math.isfinite(previous) and math.isfinite(falls):
             axes.plot([previous, previous], [row - 1, row], color=PALE, lw=1.2, ls=(0, (2, 2)), zorder=1)
-            axes.annotate("", (fitted, row), (previous, row), zorder=2,
+            axes.annotate("", (falls, row), (previous, row), zorder=2,
                           arrowprops={"arrowstyle": "-|>", "color": FLOOR, "lw": 1.3, "shrinkA": 0, "shrinkB": 7})
         axes.scatter(fitted, row, s=70, color=colour, zorder=4)
         axes.scatter(held, row, s=140, facecolor="none", edgecolor=colour, lw=1.6, zorder=3)
+        if moved:
+            axes.scatter(100 * step.prediction_nrmse, row, s=70, marker="D", facecolor="white", edgecolor=colour,
+                         lw=1.6, zorder=5)
         told = format_error(step.nrmse)
         if math.isfinite(held):
             told += f", {'cross-validated' if narrow else 'cross-val.'} {format_error(step.heldout_nrmse)}"
+        if moved:
+            told += f", {'' if narrow else 'settings '}as written {format_error(step.prediction_nrmse)}"
         if narrow:
             above, below, size = wrap_text(name, NARROW - 0.4, 10), f"{told}\n{_describe_fit(step)}", 10
             look = {"xy": (0, row), "xycoords": ("axes fraction", "data"), "zorder": 5,
@@ -112,6 +122,9 @@ def draw_error_by_step(steps: Comparisons | Discovery | Sequence[Step | Comparis
                       **look)
     axes.set_xticks([tick for tick in axes.get_xticks() if left <= tick <= 1.05 * top])
     handles, labels = [key_dot(GREY, 8), key_dot(GREY, 11, mfc="none", mew=1.5)], ["fitted", "cross-validated"]
+    if moved:
+        handles.append(key_dot(GREY, 8, "D", mfc="white", mew=1.5))
+        labels.append("predicted, settings as written")
     if noise > 0:
         handles.append(key_band(edgecolor=FLOOR, lw=None))
         labels.append(f"noise floor {format_error(floor)}")

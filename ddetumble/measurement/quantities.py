@@ -245,6 +245,11 @@ def format_share(value: float, places: int = 0) -> str:
     return "–" if value is None or not math.isfinite(value) else f"{100 * value:.{places}f} %"
 
 
+def format_small_share(value: float) -> str:
+    """A share in per cent, with one more digit below 1 %, where a whole number would hide that it is not zero."""
+    return format_share(value, 1 if 0.0005 <= abs(value) < 0.00995 else 0)
+
+
 def format_error(value: float) -> str:
     """A relative error in per cent, to two or three digits; beyond `LOST` no digit says more."""
     if value is None or not math.isfinite(value):

@@ -162,7 +162,8 @@ class Design(AbstractWritten):
         return make_plain({**list_fields(self), "proposals": proposals, "versions": list_versions()})
 
 
-def design(models: str | Path | Fitted | Sequence[str | Path | Fitted], *, limits: Mapping[str, Range] | Sequence[str] | None = None,
+def design(models: str | Path | Fitted | Sequence[str | Path | Fitted], *,
+           limits: Mapping[str, Range] | Sequence[str] | None = None,
            channels: Mapping[str, str] | Sequence[str] | None = None, length: float | None = None,
            progress: Progress | None = None) -> Design:
     """Find the test that best distinguishes the models that a discovery could not.
@@ -203,7 +204,7 @@ def design(models: str | Path | Fitted | Sequence[str | Path | Fitted], *, limit
                          for c in preview.channels], dtype=float)
         x, worth = search_conditions(preview, mask)
         if worth <= 0.0 and part_rivals(preview, x[None], mask, 0).failed.any():
-            raise ComputationError("the models could not be integrated within these limits: check --limit")
+            raise ComputationError("the models could not be integrated within these limits: check them")
         proposals.append(_propose(preview, mask, x, extra, names, rivals[0]))
     # The campaign's own channels first among those that tell as many pairs apart by as few repeats.
     ranked = sorted(proposals, key=lambda one: (-one.split, one.repeats or 0, one.extra is not None))
@@ -213,9 +214,9 @@ def design(models: str | Path | Fitted | Sequence[str | Path | Fitted], *, limit
 
 
 def list_confused(models: str | Path | Fitted | Sequence[str | Path | Fitted]) -> Question:
-    """What is to be told apart: the models between which a verdict leaves open, else the best model and its rivals, else
-    those that were given. Refused where there is no fitted model, the rivals were not written, or they are of several
-    campaigns.
+    """What is to be told apart: the models between which a verdict leaves open, else the best model and its rivals,
+    else those that were given. Refused where there is no fitted model, the rivals were not written, or they are of
+    several campaigns.
     """
     if isinstance(models, (str, Path)) and (Path(models) / RESULT).is_file():
         return _read_question(Path(models))
@@ -263,7 +264,8 @@ def _ask(rivals: Sequence[FittedModel], verdict: str, reason: str = "", doubtful
             parts.append(f"an error of the {describe_quantity(common.column).name}")
             k = one.free.index(name)
             bias, sd = -float(one.u[one.space.index[name]]), float(np.sqrt(max(one.covariance[k, k], 0.0)))
-            calibrations[common.column] = Calibration(common.column, bias, sd, abs(bias) / float(np.sqrt(DEFAULT.decisive)))
+            needed = abs(bias) / float(np.sqrt(DEFAULT.decisive))
+            calibrations[common.column] = Calibration(common.column, bias, sd, needed)
         names.append(" + ".join(parts) or one.model)
     # Two fits of one model in different folders are told apart by these.
     names = [f"{name} ({k + 1})" if names.count(name) > 1 else name for k, name in enumerate(names)]
@@ -394,7 +396,8 @@ def _explain(found: Design, question: Question) -> Design:
                    calibrations=[(describe_quantity(one.setting).name, one.bias > 0, abs(one.bias), one.needed)
                                  for one in found.calibrations])
     notes = tell(
-        "plan.next_test_notes", best=best, decisive=DEFAULT.decisive, others=[(one, describe_test(one, found.limits)) for one in others],
+        "plan.next_test_notes", best=best, decisive=DEFAULT.decisive,
+        others=[(one, describe_test(one, found.limits)) for one in others],
         alone=len(found.rivals) == 1, most=MOST, ranges=[_describe_limit(one) for one in found.limits if one.free],
         held=[_describe_limit(one) for one in found.limits if not one.free], at_limit=best.at_limit,
         assumed=[f"{one.extra.name} {one.extra.sd:g} {one.extra.unit}".removesuffix(" 1") for one in found.proposals

@@ -73,12 +73,12 @@ def set_limits(saved: FittedModel, entries: Mapping[str, Range] | Sequence[str] 
     given = {expand_role(k, family.kind): v for k, v in pairs.items()}
     strange = [name for name in given if name not in known]
     if strange:
-        raise InputError(f"--limit: there is no condition {strange[0]!r}; this campaign has "
-                         + (", ".join(known) or "none"))
+        raise InputError(f"there is no condition {strange[0]!r}; this campaign has {', '.join(known) or 'none'}",
+                         option="limits" if isinstance(entries, Mapping) else "--limit")
     found = []
     for name, (low, high) in known.items():
         if name in given:
-            low, high = _read_range(name, given[name])
+            low, high = _read_range(name, given[name], "limits, " if isinstance(entries, Mapping) else "--limit ")
         elif name == "sequence":
             low = high = high + 1.0
         elif name not in family.plan.chosen:
@@ -97,25 +97,26 @@ def set_limits(saved: FittedModel, entries: Mapping[str, Range] | Sequence[str] 
     return tuple(found)
 
 
-def _read_range(name: str, given: Range) -> tuple[float, float]:
-    """`0.2..2 m/s`, or one value with its unit, in SI; numbers are so already."""
+def _read_range(name: str, given: Range, source: str) -> tuple[float, float]:
+    """`0.2..2 m/s`, or one value with its unit, in SI; numbers are so already. `source` is where it was given."""
+    place = f"{source}{name}"
     if isinstance(given, str):
         match = re.fullmatch(rf"\s*({NUMBER})(?:\s*\.\.\s*({NUMBER}))?\s*([^\d.].*)?", given, re.ASCII | re.DOTALL)
         if match is None:
-            raise InputError(f"--limit {name} takes LOW..HIGH UNIT, such as '0.2..2 {si_unit(name)}', not {given!r}")
+            raise InputError(f"{place} takes LOW..HIGH UNIT, such as '0.2..2 {si_unit(name)}', not {given!r}")
         if not match[3] and si_unit(name) != "1":
-            raise InputError(f"--limit {name} needs a unit: write it like '{given.strip()} {si_unit(name)}'")
+            raise InputError(f"{place} needs a unit: write it like '{given.strip()} {si_unit(name)}'")
         unit = check_unit(match[3] or "1", name)
         low, high = (float(unit.convert(float(x))) for x in (match[1], match[2] or match[1]))
     else:
         low, high = map(float, given if isinstance(given, (tuple, list)) else (given, given))
     if not (math.isfinite(low) and math.isfinite(high)):
-        raise InputError(f"--limit {name} is not finite: {given!r}")
+        raise InputError(f"{place} is not finite: {given!r}")
     if high < low:
-        raise InputError(f"--limit {name} must have the lower value first, not {given!r}")
+        raise InputError(f"{place} must have the lower value first, not {given!r}")
     signed = name.startswith("angular_velocity")
     if not signed and (low < 0 or (low == 0 and name in ("approach_speed", "normal_load", "slip_speed"))):
-        raise InputError(f"--limit {name} must be positive: {given!r}")
+        raise InputError(f"{place} must be positive: {given!r}")
     return low, high
 
 

@@ -21,6 +21,7 @@ from ..measurement.quantities import (
     format_number,
     format_p,
     format_share,
+    format_small_share,
     format_value,
     join_words,
     name_step,
@@ -31,7 +32,7 @@ from ..selection.compare import Comparison, Comparisons
 from ..selection.discovery import Discovery
 from ..selection.preview import Preview, preview_effects
 from ..selection.result import MissingForce, Place, SettingShift, Step, Trace
-from ..selection.series import list_channels
+from ..selection.series import list_channels, relies_on_settings
 from ..selection.text import choose_view, list_alternatives, say_place, say_verdict, share_at_step, show_estimate
 from .page import Picture, Section, Table, draw_picture, flatten, pause_collection, write_page
 from .sliders import show_sliders
@@ -66,11 +67,15 @@ def _list_facts(discovery: Discovery) -> list[tuple[str, str, str]]:
         ends = (first, last) if len(discovery.steps) > 1 else (first,)
         return " → ".join(show(getattr(step, name)) for step in ends)
 
-    facts = [("error of the fit", compare("nrmse"), f"noise floor {format_error(discovery.noise_nrmse)}")]
+    floor, moved = f"noise floor {format_error(discovery.noise_nrmse)}", relies_on_settings(discovery.steps)
+    # Where settings were moved to do the work of physics, it is the predictions from those as written that get better.
+    facts = [("prediction, settings as written", compare("prediction_nrmse"), floor) if moved else
+             ("error of the fit", compare("nrmse"), floor)]
     if math.isfinite(first.heldout_nrmse):
         what = find_family(discovery.family).folds
         facts.append(("cross-validated error", compare("heldout_nrmse"), f"on left-out {what}"))
-    facts.append(("χ² per degree of freedom", compare("chi2_reduced", format_number), "1 if only noise is left"))
+    facts.append(("χ² per degree of freedom", compare("chi2_reduced", format_number),
+                  "1 if only noise is left; shifts of settings count" if moved else "1 if only noise is left"))
     fit = last.lack_of_fit
     facts.append(("misfit left", "yes" if fit.rejected else "none detected", say_p(fit.p_value)))
     return facts
@@ -145,9 +150,11 @@ def show_errors(labels: Sequence[tuple], steps: Sequence[Step | Comparison], flo
         "within their stated uncertainty. Prediction: the same with the settings as they are written down; coverage is "
         "the share of samples within the predicted 95 % interval."))
     loop = ", for every model of the loop" if converged else ""
+    diamonds = (" Diamonds: predictions from the settings as they are written down, where moved settings did the work "
+                "of physics in a fit.") if relies_on_settings(steps) else ""
     picture = draw_picture(
         "error-by-step", f"Root mean square of the residual over that of the signal{loop}: for all records, and for "
-        "conditions left out one after the other. The noise floor is the error of a perfect model.",
+        "conditions left out one after the other. The noise floor is the error of a perfect model." + diamonds,
         figures.draw_error_by_step, steps, names, min(floors),
         alt=f"Error of {len(steps)} models against the noise floor of {format_error(min(floors))}.")
     return Section("The error, step by step", figures=[picture], tables=[table])
@@ -277,7 +284,7 @@ def _show_ranking(discovery: Discovery) -> Section:
         later = share_at_step(discovery.steps, one.effect)
         gain = (format_share(one.explains, 1), format_p(one.p_value)) if later is None else (
             f"{format_share(later[1], 1)} (step {later[0]})", "–")
-        rows.append((clean(one.effect), *gain, format_share(one.visible), format_error(one.heldout_nrmse),
+        rows.append((clean(one.effect), *gain, format_small_share(one.visible), format_error(one.heldout_nrmse),
                      format_error(one.prediction_nrmse), difference, ", ".join(sizes) or "–",
                      ", ".join(map(clean, one.indistinguishable_from)) or "–"))
     header = ("effect", "explains", "p", "visible", "cross-validated", "prediction",
@@ -288,7 +295,8 @@ def _show_ranking(discovery: Discovery) -> Section:
         "Explains: the share of the misfit above noise that the effect alone explains after a refit; for an effect "
         "added at a later step, the share that this step explained. Visible: the share of its own signature that is "
         f"left when {choose_view(family=discovery.family).free} and the records' settings are free to imitate it; "
-        f"below {100 * discovery.settings.invisible:g} % this campaign cannot detect it."]
+        f"below {100 * discovery.settings.invisible:g} % this campaign cannot detect it. A strong effect is seen by "
+        "a small share, too: from its smallest detectable size on."]
     kin = [(clean(step.added), *row) for step in discovery.steps if step.added
            for row in list_alternatives(step.alternatives)]
     if kin:
@@ -500,7 +508,8 @@ def show_missing(missing: MissingForce, sentence: bool = True) -> list[Section]:
         rows.append((
             clean(f"{shape.way} over {shape.variable}{parts}"), shape.intervals,
             format_share(missing.share(shape.loss)), "–" if shape.difference == 0 else
-            f"{format_value(shape.difference, error)} ± {format_value(error, error)}", format_share(shape.visible),
+            f"{format_value(shape.difference, error)} ± {format_value(error, error)}",
+            format_small_share(shape.visible),
             "–" if shape.begins is None else f"{format_number(shown.scale * shape.begins)} {shown.unit}".rstrip()))
     tables = [Table(
         ("force", "knots", "misfit explained", "difference from the best", "visible", "differs from zero from"), rows,

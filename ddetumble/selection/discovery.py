@@ -16,7 +16,19 @@ from ..measurement.quantities import clean
 from .bias import SettingBias
 from .confidence import Confidence, find_confidence, list_allowances
 from .explanations import Added, Explanation, Makers
-from .result import EXPLANATIONS, OPEN, RESULT, RIVALS, Candidate, MissingForce, Place, Rounding, SettingSpread, Step, list_shifts
+from .result import (
+    EXPLANATIONS,
+    OPEN,
+    RESULT,
+    RIVALS,
+    Candidate,
+    MissingForce,
+    Place,
+    Rounding,
+    SettingSpread,
+    Step,
+    list_shifts,
+)
 from .settings import DEFAULT, SelectionSettings
 from .text import align, choose_view, format_candidates, format_steps, say_place, say_verdict, show_estimate, wrap
 
@@ -204,7 +216,8 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
             "parameters": last.parameters, "correlations": last.correlations, "nuisances": list_shifts(last.shifts),
             "lack_of_fit": self.steps[0].lack_of_fit, "setting_spread": self.spread,
             "setting_biases": self.biases, "shared_error": self.shared_error, "rounding": self.rounding,
-            "reason": self.reason, "dropped": [{"effect": effect, "alternatives": others} for effect, others in self.dropped],
+            "reason": self.reason,
+            "dropped": [{"effect": effect, "alternatives": others} for effect, others in self.dropped],
             "explanations": self.explanations,
             "allowances": self.allowances,
             "confidence": self.confidence,

@@ -294,10 +294,14 @@ def measure_shifts(records: Records, solution: Solution, spread: Mapping[str, fl
         name, known = records.nuisances[k], deviations[:, k] > 0
         ratio = (spread or {}).get(name, 1.0)
         moved = np.where(known, solution.z[:, k], 0.0) * ratio
-        worst = int(np.argmax(np.abs(moved)))
+        worst, share = int(np.argmax(np.abs(moved))), None
+        if name in records.stack.conditions and name not in records.starts:
+            values = np.abs(np.asarray(records.stack.conditions[name])[: records.count])
+            if np.all(values[known] > 0):
+                share = float(np.mean((solution.z[:, k] * deviations[:, k])[known] / values[known]))
         found.append(SettingShift(
             name, float(np.median(deviations[known, k])) / ratio, float(np.sqrt(np.sum(moved**2) / known.sum())),
-            float(moved[worst]), records.keys[worst], weigh_shifts(moved[known] / ratio), moved))
+            float(moved[worst]), records.keys[worst], weigh_shifts(moved[known] / ratio), moved, share))
     return tuple(found)
 
 

@@ -12,6 +12,9 @@ from ..inference.files import make_plain
 from .settings import DEFAULT, SelectionSettings
 
 
+# Share of the mean square of shifts that is their mean, from which on records are shifted alike (they then scatter by
+# less than a third of it), and records from which on that can be said.
+ALIKE, FEWEST_ALIKE = 0.9, 3
 RESULT = "result.json"  # what `save` writes for programs
 OPEN = ("improved", "unexplained")  # verdicts that leave a misfit
 RIVALS = "rivals"  # folder of the models that the last step could not tell from the best one
@@ -74,6 +77,15 @@ class SettingShift:
     record: str  # key of the record with the largest
     p_value: float  # chance of so large shifts where the settings are as uncertain as stated
     shifts: np.ndarray = dc.field(repr=False, compare=False)  # of every record, shape (records,)
+    # Mean over records as a share of the setting, with its sign; None of the time origin, or where a setting is 0.
+    mean_share: float | None = None
+
+    @property
+    def is_alike(self) -> bool:
+        """Whether all records are shifted alike, as by one gauge that reads wrong."""
+        moved = np.asarray(self.shifts, dtype=float)
+        return (self.mean_share is not None and moved.size >= FEWEST_ALIKE
+                and float(np.mean(moved)) ** 2 >= ALIKE * float(np.mean(moved**2)))
 
 
 @dc.dataclass(frozen=True)
@@ -259,4 +271,4 @@ class MissingForce(AbstractPrinted):
 def list_shifts(shifts: Sequence[SettingShift]) -> dict[str, dict[str, Any]]:
     """Shifts of the settings by name, as `result.json` has them: SI, and stated deviations."""
     return {s.name: {"stated": s.stated, "rms_shift": s.rms, "largest_shift": s.largest, "record": s.record,
-                     "p_value": s.p_value} for s in shifts}
+                     "p_value": s.p_value, "mean_share": s.mean_share, "alike": s.is_alike} for s in shifts}

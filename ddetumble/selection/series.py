@@ -1,6 +1,7 @@
 """Model beside measurement, record by record and channel by channel, and how large the error is against the signal."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -9,6 +10,17 @@ from ..inference.problem import Solution
 from ..inference.stack import Records
 from ..measurement.campaign import Campaign
 from .result import Trace
+
+
+# Times the cross-validated error that predictions from settings as written down err, from which on moved settings have
+# done the work of physics: differences below are seen in no picture.
+RELIES = 1.1
+
+
+def relies_on_settings(steps: Sequence[Any]) -> bool:
+    """Whether a model among steps, or comparisons, owes its cross-validated error to settings that it moves:
+    predictions from settings as they are written down err by far more."""
+    return any(np.isfinite(one.prediction_nrmse) and one.prediction_nrmse > RELIES * one.heldout_nrmse for one in steps)
 
 
 def make_traces(campaign: Campaign, records: Records, solution: Solution, noise: Mapping[str, Noise] | None = None

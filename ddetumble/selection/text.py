@@ -135,7 +135,7 @@ def format_candidates(candidates: Sequence[Candidate], steps: Sequence[Step], ef
         gain = ((q.format_share(one.explains, 1), q.format_p(one.p_value)) if later is None
                 else (f"{q.format_share(later[1], 1)} at step {later[0]}", ""))
         rows.append((("* " if one.effect in effects else "  ") + q.clean(one.effect, 32), *gain,
-                     q.format_share(one.visible), *map(q.format_error, (one.heldout_nrmse, one.prediction_nrmse)),
+                     q.format_small_share(one.visible), *map(q.format_error, (one.heldout_nrmse, one.prediction_nrmse)),
                      q.clean(", ".join(one.indistinguishable_from), 30)))
     lines = [align(("  candidate", "explains", "p", "visible", "cross-val.", "predicted", "similar to"), rows,
                    "lrrrrrl")]

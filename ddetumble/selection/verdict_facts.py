@@ -15,6 +15,7 @@ from .discovery import Discovery
 from .forward_selection import Unphysical
 from .missing.missing_force import summarise_missing
 from .result import OPEN, Candidate, SettingShift, SettingSpread, Step, Trace
+from .series import relies_on_settings
 from .settings import DEFAULT, SelectionSettings
 from .text import describe_place
 
@@ -39,7 +40,8 @@ def describe_level(error: float, noise: float, shifts: Sequence[SettingShift], h
     return {
         "ratio": error / noise, "held": held / noise if held is not None and np.isfinite(held) else None,
         "moved": {"setting": "time origin" if worst.name == "time" else describe_quantity(worst.name).name,
-                  "deviations": f"{farthest:.2g}" if farthest < 99.5 else f"{farthest:.0f}", "record": worst.record},
+                  "deviations": f"{farthest:.2g}" if farthest < 99.5 else f"{farthest:.0f}", "record": worst.record,
+                  "alike": worst.mean_share if worst.is_alike else None},
     }
 
 
@@ -246,7 +248,8 @@ def _tell_verdict(found: Discovery, family: Family, folds: str) -> Sentence:
         return say("verdict.one_record_or_more", model=model, before=before, p=p, record=record)
     if found.verdict == "undecided" and found.rounding is not None:
         return say("verdict.rounding", model=model, before=before, p=p, effects=list(found.rounding.effects),
-                   choices=[(added, list(others)) for added, others in found.dropped], channels=list(found.rounding.digits))
+                   choices=[(added, list(others)) for added, others in found.dropped],
+                   channels=list(found.rounding.digits))
     if found.verdict == "undecided" and found.irregular:
         if lack.rejected:
             return say("verdict.unrelated", model=model, records=records, before=before, p=p, folds=family.folds,
@@ -267,7 +270,9 @@ def _tell_verdict(found: Discovery, family: Family, folds: str) -> Sentence:
                   if name.split(".")[0] in effects]
         return say("verdict.explained", model=model, effects=effects, choices=list_choices(found), values=values,
                    brief=len(say("words.values", parameters=values)) < BRIEF, before=before, after=_level(last, found),
-                   p=p, errors=(first.heldout_nrmse, last.heldout_nrmse) if folds else None, noise=found.noise_nrmse,
+                   p=p, errors=(first.heldout_nrmse, last.heldout_nrmse) if folds else None,
+                   predicted=((first.prediction_nrmse, last.prediction_nrmse)
+                              if folds and relies_on_settings((first,)) else None), noise=found.noise_nrmse,
                    records=records, conditions=conditions, folds=folds)
     if found.verdict == "improved":
         return say("verdict.improved", model=model, choices=list_choices(found), before=before,
