@@ -349,6 +349,17 @@ def test_map_sizes_are_found(tmp_path, capsys):
     assert "could not distinguish" in capsys.readouterr().out
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("interval", [0.2, 0.05])
+def test_no_effect_is_seen_by_a_sample_at_no_slip_alone(tmp_path, interval):
+    """Friction that builds up over a slip is seen from where it changes samples beside the first, at no slip: the
+    smallest s_0 is a share of the interval at which exp(-h/s_0) of the friction is beyond noise."""
+    (tmp_path / "plan.csv").write_text(PLAN)
+    found = {e.effect: e for e in map_effects(tmp_path / "plan.csv", interval=f"{interval} mm").effects}
+    seen = found["presliding"].size
+    assert seen is not None and 0.2 < seen / (1e-3 * interval) < 1.0
+
+
 @pytest.mark.study
 def test_a_channel_is_proposed(tmp_path):
     """Gain of the gauge against a larger contact, conditions held: the depression parts them, the force does not."""

@@ -7,7 +7,8 @@ where
 
 $$\|s(a)\| = z_\alpha + 1.645,\qquad z_\alpha^2 = \chi^2_1{}^{-1}\left((1 - \alpha)^{1/m}\right).$$
 
-Nothing is linear in the size here: the model is computed with the effect in it.
+Nothing is linear in the size here: the model is computed with the effect in it. Of an effect that jumps at its null,
+$f(0)$ is the limit of a vanishing size.
 """
 
 import dataclasses as dc
@@ -55,6 +56,8 @@ def find_size(problem: Problem, solution: Solution, origin: np.ndarray, name: st
     p = problem.space.parameter(name)
     null, side = p.default, float(p.sign or 1)
     most = reach_limit(p)
+    if p.singular:
+        solution = _move_beside(problem, solution, origin, name, null + side * LEAST * p.typical)
     size = min(0.1 * p.typical if first is None else first, most)
     before: tuple[float, float] | None = None
     short, enough = 0.0, None  # largest size known to show too little, smallest known to show enough
@@ -81,6 +84,19 @@ def find_size(problem: Problem, solution: Solution, origin: np.ndarray, name: st
             return dc.replace(tried, size=math.nan)
         size = float(np.clip(new, LEAST * p.typical, most))
     return tried if abs(length / goal - 1.0) < NEAR else enough
+
+
+def _move_beside(problem: Problem, solution: Solution, origin: np.ndarray, name: str, value: float) -> Solution:
+    """The same fit, its readings those with an effect as good as absent, of which what is seen is counted.
+
+    Some effects jump at their null: friction that builds up over however short a slip is zero in the one sample at no
+    slip. What shows alike at any size says nothing of that size, and hangs on a sample of which nobody knows that it
+    lies there exactly; what is left is seen where the effect changes readings over a range that the samples resolve.
+    """
+    u = origin.copy()
+    u[problem.space.index[name]] = value
+    beside = problem.solve([], u, solution.z, moving=False)
+    return solution if beside.failed else dc.replace(solution, residual=beside.residual)
 
 
 def reach_limit(p: Parameter) -> float:
