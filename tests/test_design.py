@@ -264,6 +264,24 @@ def test_a_verdict_between_a_gauge_and_an_effect(tmp_path):
         assert one.bias == pytest.approx(told.bias, rel=0.15)
 
 
+@pytest.mark.slow
+def test_models_to_tell_apart_are_named(rivals, tmp_path, capsys):
+    """Two folders, of fits, are the rivals, as are the fits in hand; a limit that is wrong in Python is no option."""
+    folders = [rivals, rivals / "rivals" / "1"]
+    for k, folder in enumerate(folders):
+        save_model(tmp_path / str(k), load(folder))
+    assert main(["design", str(tmp_path / "0"), str(tmp_path / "1"), "-o", str(tmp_path / "next")]) == 0
+    capsys.readouterr()
+    written = json.loads((tmp_path / "next" / "design.json").read_text())
+    found = design([load(folder) for folder in folders])
+    assert written["rivals"] == list(found.rivals) == ["viscous-friction", "adhesive-offset"]
+    assert written["proposals"][0]["conditions"] == pytest.approx(found.proposals[0].conditions)
+    assert len(repr(found.proposals[0])) < 2000  # no samples
+    with pytest.raises(InputError) as refused:
+        design(folders, limits={"normal_load": (20.0, 5.0)})
+    assert "--" not in str(refused.value)
+
+
 @pytest.mark.parametrize("option, says", [
     (["--limit", "slip_speed=2..1 m/s"], "must have the lower value first"),
     (["--limit", "slip_speed=0.1..1"], "needs a unit"),
@@ -347,6 +365,25 @@ def test_map_sizes_are_found(tmp_path, capsys):
     alike = {frozenset(pair) for pair in json.loads((tmp_path / "map" / "map.json").read_text())["alike"]}
     assert frozenset(("viscous-friction", "adhesive-offset")) in alike
     assert "could not distinguish" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_records_that_a_size_takes(tmp_path, capsys):
+    """Of an effect that is linear in its amplitude: once the plan at the size that is found, four times at half of it,
+    and no number at a size that nothing shows; units as they come, and what was taken for the records is told."""
+    (tmp_path / "plan.csv").write_text(PLAN)
+    size = next(e for e in map_effects(tmp_path / "plan.csv").effects if e.effect == "adhesive-offset").size
+    asked = {"adhesive-offset.f_a": f"{500.0 * size} mN", "presliding.s_0": "1 nm"}
+    found = map_effects(tmp_path / "plan.csv", sizes=asked)
+    half, none = found.needed
+    assert half.value == pytest.approx(0.5 * size) and half.length == pytest.approx(0.5 * found.length, rel=0.02)
+    assert (half.repeats, half.records) in ((4, 20), (5, 25))
+    assert (none.repeats, none.records) == (None, None) and none.length < 1e-3
+    whole, = map_effects(tmp_path / "plan.csv", sizes=[f"adhesive-offset.f_a={1.05 * size} N"]).needed
+    assert (whole.repeats, whole.records) == (1, found.records)
+    for text, says in (("adhesive-offset.f_a=1 m", "no quantity in N"), ("adhesive-offset.f=1 N", "offset.f_a")):
+        assert main(["map", str(tmp_path / "plan.csv"), "--size", text]) == 2
+        assert says in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -43,7 +43,8 @@ def import_files(
     speed: Annotated[Text, option("QUANTITY", "Approach (slip: sliding) speed of all tests: '0.4 m/s'.")] = None,
     load: Annotated[Text, option("QUANTITY", "Normal load of all tests of the family slip: '20 N'.")] = None,
     gauge: Annotated[
-        bool | None, typer.Option("--gauge/--absolute", help="Whether pressures are gauge pressures or absolute.")
+        bool | None, typer.Option("--gauge/--absolute", help="Whether pressures are gauge pressures, "
+                                   "which need --ambient, or absolute; without either they are taken as absolute.")
     ] = None,
     ambient: Annotated[Text, option("QUANTITY", "Ambient pressure of the day: '101.3 kPa'.")] = None,
     force: Annotated[Text, option("COLUMN", "Column with the force (slip: friction).")] = None,

@@ -63,6 +63,9 @@ def map_campaign(
         "NAME=VALUE UNIT", "Value of a parameter of the reference model; may be repeated.")] = None,
     effects_from: Annotated[Path | None, option(
         "FILE.py", "File with effects of your own, which are mapped as well as the catalogue.")] = None,
+    size: Annotated[Texts, option(
+        "EFFECT.NAME=VALUE UNIT", "Tell how many records would detect an effect of this size; may be "
+        "repeated.")] = None,
     length: Annotated[str | None, option("'30 ms'", "Length of a record.")] = None,
     interval: Annotated[str | None, option("'0.1 ms'", "Interval between samples.")] = None,
     output: Annotated[Path | None, place("Also write map.json and a figure here.")] = None,
@@ -79,7 +82,7 @@ def map_campaign(
         own = list_effects(effects_from) if effects_from is not None else ()
         with show_progress(f"mapping {path.stem}") as report:
             found = map_effects(path, model, effects=own, channels=channel, uncertainties=uncertainty, values=value,
-                                length=length, interval=interval, progress=report)
+                                sizes=size, length=length, interval=interval, progress=report)
         if out is not None:
             from ..figures import draw_map, render_png
 

@@ -61,7 +61,8 @@ def import_tests(
         name_pattern: Conditions in the file names, like "{initial_pressure}MPa_{approach_speed}ms".
         pressure, speed, load: Of all tests, with unit: initial pressure and approach speed of impacts; internal
             pressure, sliding speed and normal load of the family slip.
-        gauge: True if the pressures count from the ambient pressure.
+        gauge: True if the pressures count from the ambient pressure; where nothing is said they are taken as absolute,
+            and the notes say so.
         ambient: Ambient pressure, with unit; made part of `known`.
         force, time, slip, record_column: Names of the columns with the force (slip: the friction), the time, the slip
             of the family slip, and the test that a row belongs to.

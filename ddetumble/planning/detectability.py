@@ -6,7 +6,8 @@ strictly, with samples as the reference model has them.
 """
 
 import dataclasses as dc
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, ClassVar
@@ -18,7 +19,7 @@ import numpy as np
 import pandas as pd
 
 from .._display import Progress
-from .._errors import ComputationError, InputError, error_place
+from .._errors import ComputationError, InputError, error_place, offer_names
 from .._numerics import map_threads, scalar
 from ..contact.effect import AbstractEffect, is_scored, parameters_of, read_field
 from ..dynamics.impact import RTOL
@@ -33,9 +34,10 @@ from ..measurement.checks import check_values, read_known
 from ..measurement.columns import expand_role, read_pairs
 from ..measurement.kinds import list_kinds
 from ..measurement.layout import split_heading
+from ..measurement.quantities import describe_quantity, format_plain, join_words
 from ..measurement.tables import convert_column, read_table
-from ..measurement.units import check_unit, parse_quantity, parse_uncertainty, si_unit
-from ..selection.detectability import Signature, detectable_length, find_size, reach_limit
+from ..measurement.units import check_unit, convert_text, parse_quantity, parse_uncertainty, si_unit
+from ..selection.detectability import Signature, detectable_length, find_size, measure_signature, reach_limit
 from ..selection.problem import SelectionProblem, pose_selection
 from .setting_ranges import read_channels, read_noise
 
@@ -43,6 +45,7 @@ from .setting_ranges import read_channels, read_noise
 # |cos| from which no size tells two effects apart: above it the 0.1 % that differs is lost in linearisation.
 SAME = 0.9995
 BEFORE = 2e-3  # s, that an impact record begins before first touch, so that the time origin is seen
+MOST = 1000  # times a plan is made; beyond that it is no plan
 AFTER = 1.45  # contact times that it lasts, so that a contact prolonged by an effect still ends within it
 
 
@@ -64,6 +67,26 @@ class Visible:
     # physics allows is.
     told: float | None
     sizes: dict[str, float]  # of each component of a vector, by public name
+    units: dict[str, str] = dc.field(default_factory=dict)  # of the shapes
+
+
+@dc.dataclass(frozen=True)
+class Needed:
+    """How often a plan has to be made so that an effect of a size that was asked for is detected with 95 % power."""
+
+    name: str  # of the amplitude, `effect-id.symbol`
+    value: float  # public
+    unit: str
+    length: float  # of what the plan, made once, shows of it at the shape that shows most [standard deviations]
+    repeats: int | None  # of the whole plan; None where `MOST` are too few
+    records: int | None  # in all
+
+    def __str__(self) -> str:
+        what = f"{self.name} = {self.value:.3g} {self.unit}".rstrip().removesuffix(" 1")
+        if self.repeats is None:
+            return f"{MOST} times this plan would not detect {what} with 95 % power."
+        often = "Once" if self.repeats == 1 else f"{self.repeats} times"
+        return f"{often} this plan, {self.records} records, would detect {what} with 95 % power."
 
 
 @dc.dataclass(frozen=True)
@@ -84,28 +107,34 @@ class Visibility(AbstractWritten):
     alike: tuple[tuple[str, str], ...]  # pairs that cannot be told apart
     sentence: str  # in plain words
     notes: tuple[str, ...] = ()
+    needed: tuple[Needed, ...] = ()  # records for the sizes that were asked for
 
     def __str__(self) -> str:
         """The map for a terminal."""
         width = max(len(e.effect) for e in self.effects)
-        rows = [f"{'effect':<{width}}  {'detected from':<28}  most similar"]
+        rows = [f"{'effect':<{width}}  {'detected from':<38}  most similar"]
         for e in self.effects:
-            size = f"{e.parameter} = {e.size:.3g} {e.unit}".rstrip().removesuffix(" 1") if e.size is not None else (
-                "undetectable")
+            size = _say_size(e.parameter, e.size, e.unit) if e.size is not None else "undetectable"
+            if e.size is not None and e.shapes:
+                size += f" ({', '.join(_say_size(n.split('.', 1)[1], x, e.units[n]) for n, x in e.shapes.items())})"
             near = "" if e.closest is None else f"{e.closest} ({e.cosine:.2f}), " + (
                 "never distinguishable" if e.told is None else f"distinguishable at {e.told:.2g} times that")
-            rows.append(f"{e.effect:<{width}}  {size:<28}  {near}")
-        return "\n".join([self.sentence, "", *rows, "", *(f"- {note}" for note in self.notes)])
+            rows.append(f"{e.effect:<{width}}  {size:<38}  {near}".rstrip())
+        return "\n".join([self.sentence, *map(str, self.needed), "", *rows, "", *(f"- {note}" for note in self.notes)])
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON can hold it."""
         return make_plain(self) | {"versions": list_versions()}
 
 
+def _say_size(name: str, value: float, unit: str) -> str:
+    return f"{name} = {value:.3g}" + ("" if unit in ("", "1") else f" {unit}")
+
+
 def map_effects(plan: Campaign | str | Path, model: Model = "paper", *, effects: Sequence[type[AbstractEffect]] = (),
                 channels: Sequence[str] | None = None, uncertainties: Sequence[str] | None = None,
                 values: Sequence[str] | None = None, length: str | None = None, interval: str | None = None,
-                progress: Progress | None = None) -> Visibility:
+                sizes: Mapping[str, str] | Sequence[str] | None = None, progress: Progress | None = None) -> Visibility:
     """Compute which effects a planned campaign would detect, at which size, and which pairs it could not distinguish.
 
     Args:
@@ -114,6 +143,7 @@ def map_effects(plan: Campaign | str | Path, model: Model = "paper", *, effects:
         model: reference model, see `ddetumble.inference.models`; a fitted folder brings its values.
         effects: of one's own, mapped beside the catalogue.
         channels, uncertainties, values, length, interval: of a table.
+        sizes: `EFFECT.NAME=VALUE UNIT` of amplitudes: how often the plan has to be made to detect them is told.
         progress: called with a sentence and the share done.
 
     Raises:
@@ -141,8 +171,8 @@ def map_effects(plan: Campaign | str | Path, model: Model = "paper", *, effects:
             if is_scored(p) for start in default_starts(effect)]
     done: list[int] = []
 
-    def find(job) -> _Seen | None:
-        """The size of one amplitude at which its signature has the wanted length."""
+    def lay(job) -> tuple[np.ndarray, dict[str, float]]:
+        """Coordinates with the shapes of an effect put in, and these."""
         effect, name, start = job
         origin, shapes = solution.u.copy(), {}
         for n, value in start.items():
@@ -154,13 +184,47 @@ def map_effects(plan: Campaign | str | Path, model: Model = "paper", *, effects:
                 origin[k] = value if other.kind == "shape" else other.default
             if other.kind == "shape":
                 shapes[n] = float(origin[k])
+        return origin, shapes
+
+    def find(job) -> _Seen | None:
+        """The size of one amplitude at which its signature has the wanted length."""
+        (effect, name, _), (origin, shapes) = job, lay(job)
         found = find_size(bench.problem, solution, origin, name, goal)
         done.append(1)
         report(f"looking for every effect: {effect.id}", 0.1 + 0.85 * len(done) / len(jobs))
         return None if found is None or not np.isfinite(found.size) else _Seen(effect.id, shapes, found)
 
+    asked = _read_sizes(bench, sizes, {name for _, name, _ in jobs})
     seen = [one for one in map_threads(find, jobs) if one is not None]
-    return _describe(bench, resolved.name, {e.id: [s for s in seen if s.effect == e.id] for e in bench.catalogue}, goal)
+    groups = {e.id: [s for s in seen if s.effect == e.id] for e in bench.catalogue}
+    found = _describe(bench, resolved.name, groups, goal, table is not None)
+    needed = []
+    for name, value in asked.items():
+        p = bench.space.parameter(name)
+        longest = max(measure_signature(bench.problem, solution, lay(job)[0], name, p.transform.to_unconstrained(value))
+                      for job in jobs if job[1] == name)
+        # Every repeat shows as much again, its squared length.
+        times = math.ceil((goal / longest) ** 2 * (1 - 1e-9)) if longest > goal / math.sqrt(MOST) else None
+        needed.append(Needed(name, value, bench.space.unit(name, bench.start), longest, times,
+                             None if times is None else times * bench.records.count))
+    return dc.replace(found, needed=tuple(needed))
+
+
+def _read_sizes(bench: SelectionProblem, sizes: Mapping[str, str] | Sequence[str] | None, names: Collection[str]
+                ) -> dict[str, float]:
+    """Public values of amplitudes by name."""
+    found = {}
+    for name, text in read_pairs("size", sizes).items():
+        with error_place(option=f"--size {name}"):
+            if name not in names:
+                raise InputError(f"there is no such amplitude; {offer_names(name, sorted(names), 'there are')}")
+            p, unit = bench.space.parameter(name), bench.space.unit(name, bench.start)
+            value = convert_text(text, unit or "1")
+            field = p.transform.find_field(value)
+            if not p.bounds[0] <= field <= p.bounds[1] or not p.transform.allows(value):
+                raise InputError(f"{text!r} is beyond what the effect can be")
+            found[name] = value
+    return found
 
 
 @dc.dataclass(frozen=True)
@@ -187,7 +251,8 @@ def _imitate(one: _Seen, others: Sequence[_Seen]) -> float:
     return min(best, 1.0)
 
 
-def _describe(bench: SelectionProblem, model: str, groups: Mapping[str, Sequence[_Seen]], goal: float) -> Visibility:
+def _describe(bench: SelectionProblem, model: str, groups: Mapping[str, Sequence[_Seen]], goal: float, planned: bool
+              ) -> Visibility:
     names = tuple(e for e, own in groups.items() if own)
     cosines = np.eye(len(names))
     for i, a in enumerate(names):
@@ -220,7 +285,7 @@ def _describe(bench: SelectionProblem, model: str, groups: Mapping[str, Sequence
         effects.append(Visible(
             effect.id, p.name, bench.space.unit(name, bench.start), p.transform.from_unconstrained(best.signature.size),
             publish(best.shapes), best.signature.visible, None if near is None else names[near], cosine, told,
-            publish(sizes)))
+            publish(sizes), {n: bench.space.unit(n, bench.start) for n in best.shapes}))
     alike = tuple((names[i], names[j]) for i in range(len(names)) for j in range(i + 1, len(names))
                   if cosines[i, j] >= bench.settings.collinear)
 
@@ -230,18 +295,47 @@ def _describe(bench: SelectionProblem, model: str, groups: Mapping[str, Sequence
     sentence += f"; they cannot detect {', '.join(unseen)}" if unseen else ""
     sentence += (f". They could not distinguish {'; '.join(f'{a} and {b}' for a, b in alike)}: {bench.family.remedies}."
                  if alike else ". They could distinguish any two of these.")
-    values = ", ".join(f"{n} {v['estimate']:.3g} {v['unit']}".rstrip().removesuffix(" 1") for n in bench.base
-                       for v in [bench.space.public(n, bench.start, 0.0)])
+    values = join_words([_say_size(n, v["estimate"], v["unit"]) for n in bench.base
+                         for v in [bench.space.public(n, bench.start, 0.0)]])
     limits = bench.settings
     notes = (
         f"The sizes are detected with 95 % power by the family-wise test of discover (level {limits.level_each:g}), "
         "with white noise and nuisances as stated.",
+        "Of most effects a size half as large takes four times as many records; --size counts them for yours.",
         f"Two effects count as similar from |cos| = {limits.collinear:g}, and as distinguishable from "
         f"Δχ² = {limits.decisive:.0f}.",
-        *([f"The reference model has {values}, or what was fitted to samples if there are any."] if values else []),
-        *bench.warnings)
+        *([f"The reference model has {values}{'' if planned else ', or what was guessed from the samples'}."]
+          if values else []),
+        *([_tell_records(bench)] if planned else []), *bench.warnings)
     return Visibility(bench.campaign.name, bench.family.name, model, bench.records.count,
                       int(bench.records.lengths.sum()), tuple(effects), names, cosines, goal, alike, sentence, notes)
+
+
+def _tell_records(bench: SelectionProblem) -> str:
+    """What was taken for the records of a plan: noise, uncertainties, interval and length, in units that people use."""
+    plan, clock = bench.campaign, bench.campaign.independent
+    assert clock is not None and plan.samples is not None
+
+    def show(name: str, value: float, unit: str) -> str:
+        shown = describe_quantity(name, np.array([value]), unit=unit)
+        return f"{format_plain(float(f'{value * shown.scale:.3g}'))} {shown.unit}".rstrip()
+
+    def tell(name: str, column: Column) -> str:
+        spread = column.uncertainty
+        if spread is None:
+            return ""
+        size = (show(name, spread.absolute or 0.0, column.unit) if spread.relative is None else
+                f"{100 * spread.relative:.2g} %")
+        return f"{describe_quantity(name).name if name != 'time' else 'time origin'} {size}"
+
+    first = plan.samples["record"].to_numpy() == plan.record_keys[0]
+    x = plan.samples[clock.name].to_numpy(dtype=float)[first]
+    noise = join_words([tell(c, column) for c, column in plan.channels.items()])
+    known = join_words(list(filter(None, [*(tell(n, c) for n, c in plan.conditions.items()), tell("time", clock)])))
+    step, length = (show(clock.name, value, clock.unit) for value in (x[1] - x[0], x[-1] - x[0]))
+    return (f"The records were taken to have a noise of {noise}, a sample every {step} and a length of {length}"
+            + (f", and the settings an uncertainty of {known}" if known else "")
+            + ": state yours by --channel, --interval, --length and --uncertainty.")
 
 
 def read_plan(path: Path | str, model: Model = "paper", *, channels: Sequence[str] | None = None,

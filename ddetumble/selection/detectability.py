@@ -46,6 +46,18 @@ def detectable_length(directions: int, settings: SelectionSettings = DEFAULT) ->
     return float(np.sqrt(stats.chi2.isf(level, 1)) + stats.norm.ppf(settings.power))
 
 
+def measure_signature(problem: Problem, solution: Solution, origin: np.ndarray, name: str, value: float) -> float:
+    """Length of what can be seen of an amplitude at a coordinate, in standard deviations; 0 where nothing can be.
+
+    `origin` holds coordinates with the shapes of the effect put in.
+    """
+    p = problem.space.parameter(name)
+    if p.singular:
+        solution = _move_beside(problem, solution, origin, name, p.default + float(p.sign or 1) * LEAST * p.typical)
+    found = _show(problem, solution, origin, name, value)
+    return 0.0 if found is None else found[0]
+
+
 def find_size(problem: Problem, solution: Solution, origin: np.ndarray, name: str, goal: float,
               first: float | None = None) -> Signature | None:
     """Size of an amplitude at which its signature has the length `goal`; None where none was found.
