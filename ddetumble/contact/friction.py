@@ -24,6 +24,7 @@ POLYNOMIALS = {
 SLIP_UNIT = 1e-3  # the polynomials take slip in mm
 # Load from which the curve of Eqs. 9 and 10 grows without limit, 30.65 N: there b + |d| = b - d = 0, as d is negative.
 DIVERGES_ABOVE = float(np.roots(np.subtract(POLYNOMIALS["b"], POLYNOMIALS["d"])[::-1]).max())
+ADVISED_UP_TO = 30.0  # N: a round load below that one, where a load cell's error does not lead beyond it
 CHANGES_SIGN_AT = -POLYNOMIALS["a"][0] / POLYNOMIALS["a"][1]  # load at which a(F_n) changes sign, 44.40 N
 
 

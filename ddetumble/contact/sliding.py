@@ -11,7 +11,7 @@ from jaxtyping import Array
 
 from .effect import AbstractEffect, AbstractLaw, AbstractModel, Scalar, parameter
 from .friction import (
-    DIVERGES_ABOVE,
+    ADVISED_UP_TO,
     POLYNOMIALS,
     SlipCoefficients,
     composite_modulus,
@@ -144,7 +144,7 @@ class RubberFriction(AbstractRubberFriction):
                                    limits=(0.0, 10.0),
                                    limits_reason="Eq. 10 as printed has 1; friction does not drive the slip")
     printed: bool = eqx.field(static=True, default=False)
-    valid: ClassVar[Mapping[str, tuple[float, float]]] = {"normal_load": (0.0, DIVERGES_ABOVE)}
+    valid: ClassVar[Mapping[str, tuple[float, float]]] = {"normal_load": (0.0, ADVISED_UP_TO)}
 
     def slipping(self, slide: Slide) -> Scalar:
         """Eqs. 9 and 10 at the record's load, scaled [-]."""
