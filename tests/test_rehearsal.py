@@ -76,6 +76,14 @@ def test_strength_is_what_a_refit_leaves(bench, seed):
     assert np.sqrt(rise / bench.selection.samples) == pytest.approx(reached, rel=0.1)
 
 
+def test_the_plan_is_shown(asked, bench):
+    """Its tests, equal ones in one row, in units that people use; nothing where the table is not there any more."""
+    _, header, rows = asked.list_tests()
+    assert len(header) == 4 and all(len(row) == 4 for row in rows)
+    assert sum(int(row[-1]) for row in rows) == bench.selection.records.count
+    assert dc.replace(asked, plan="nowhere.csv").list_tests() is None
+
+
 @pytest.mark.slow
 def test_a_rehearsal_goes_on_and_repeats_itself(asked, tmp_path):
     rows = examine(asked, range(2), tmp_path / "a", workers=1)

@@ -6,6 +6,7 @@ records are the model's own, and say nothing of how right its physics is.
 """
 
 import dataclasses as dc
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from functools import lru_cache, partial
 from pathlib import Path
@@ -25,7 +26,8 @@ from ..inference.noise import whitening_matrix
 from ..inference.problem import Solution
 from ..measurement.campaign import Campaign
 from ..measurement.package import write_campaign
-from ..planning.detectability import read_plan
+from ..measurement.quantities import describe_quantity, format_plain
+from ..planning.detectability import read_plan, tell_records
 from ..selection.detectability import find_size
 from ..selection.discover import discover
 from ..selection.problem import SelectionProblem, fit_reference, pose_selection
@@ -95,6 +97,22 @@ class Rehearsal:
                                ("effects-from", (self.effects_from,))):
             text += "".join(f" --{option} {value!r}" for value in values if value is not None)
         return text
+
+    def list_tests(self) -> tuple[tuple[str, ...], tuple[str, ...], list[tuple[str, ...]]] | None:
+        """What is said of the plan, and a table of its tests, header and rows, equal ones in one; None where it is not
+        there any more."""
+        try:
+            campaign = prepare_plan(self).selection.campaign
+        except InputError:
+            return None
+        names = [str(name) for name in campaign.records.columns]
+        shown = [describe_quantity(name, campaign.records[name].to_numpy(dtype=float),
+                                   unit=campaign.conditions[name].unit) for name in names]
+        rows = Counter(
+            tuple(format_plain(float(f"{value * one.scale:.4g}")) for value, one in zip(row, shown, strict=True))
+            for row in campaign.records.to_numpy(dtype=float))
+        header = (*(f"{one.name} [{one.unit}]" if one.unit else one.name for one in shown), "records")
+        return (tell_records(campaign),), header, [(*row, str(count)) for row, count in rows.items()]
 
     def draw(self, index: int) -> tuple[dict[str, Any], Callable[[Path], Iterator[dict[str, Any]]]]:
         """Fields of the row of a case, to which the others do not matter, and what answers it in a folder."""
@@ -174,7 +192,8 @@ def hide_effect(bench: Prepared, effect: type[AbstractEffect], random: np.random
         shape = p.kind == "shape"
         at[own] = start.get(own, p.transform.from_field(p.default)) if shape else p.transform.from_field(p.default)
         origin[selection.space.index[own]] = at[own]
-    found = find_size(selection.problem, solution, origin, name, strength * np.sqrt(selection.samples))
+    found = find_size(selection.problem, solution, origin, name, strength * np.sqrt(selection.samples),
+                      jumps=True)
     if found is None or not np.isfinite(found.size):
         return None
     at[name] = found.size

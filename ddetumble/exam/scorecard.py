@@ -17,6 +17,7 @@ from .scoring import AIMS, SURE_STRENGTH, Row, Share, describe_failure, score
 
 CARD, PAGE, TEXT, FIGURE = "scorecard.json", "report.html", "README.md", "power"
 MOST = 400  # failures listed
+LOOSE = 10.0  # times its value: an interval so wide says no more than that the records do not determine a parameter
 SURE = f"strength {SURE_STRENGTH:g} and more"
 SHARES = (  # mark, what it is, and its aim; marks of several names have a row each
     ("undecided", "all cases: undecided", ""),
@@ -39,7 +40,7 @@ SHARES = (  # mark, what it is, and its aim; marks of several names have a row e
 )
 SIZES = {"heldout_over_noise": "held-out error over noise (noise-free tests elsewhere)", "seconds": "seconds a case",
          "seconds_answering": "seconds of discover", "processor_seconds": "seconds a case of processor time"}
-BENCH_HEADER = ("bench", "false alarms (nothing hidden)", "share", "95 % upper limit", "undecided",
+BENCH_HEADER = ("bench", "false alarms (nothing hidden)", "share", "one-sided 95 % limit", "undecided",
                 "single effects right", "share", "intervals that hold the truth")
 SUMMARY = {"false_alarms": "false alarms", "singles_first": "single effects named first",
            "sure_pinned": f"of {SURE} named or in a set of two", "pairs_named": "pairs named",
@@ -101,7 +102,8 @@ def describe(exam: Exam | Rehearsal, command: str, marks: Mapping[str, Any], fai
         sizes.insert(0, ("size of the confusion set of single effects, mean", marks["set_size"], "", ""))
     effects = [(name, one["cases"], one["strength"], f"{one['seen'].count}/{one['cases']}",
                 f"{one['right'].count}/{one['cases']}") for name, one in marks["by_effect"].items()]
-    widths = [(name, one["cases"], one["width"], format_share(one["coverage"], 1))
+    widths = [(name, one["cases"], one["width"] if one["width"] < LOOSE else "not determined",
+               format_share(one["coverage"], 1))
               for name, one in marks["widths"].items()]
     benches = list_benches(marks)
     wrong = [(one["case"], ", ".join(f"{n} ({strength:.2g})" for n, strength in one["hidden"].items()) or "nothing",
@@ -113,17 +115,20 @@ def describe(exam: Exam | Rehearsal, command: str, marks: Mapping[str, Any], fai
         failed = (f"{len(failures)} of {marks['cases']} cases.{more} `ddetumble exam {exam.options} --cases 1 "
                   f"--first {failures[0]['case']} --keep -o again` makes the first of them again, with its campaign, "
                   "the discovery and the truth.")
+    plan = exam.list_tests() if isinstance(exam, Rehearsal) else None
     parts = [
         ("Shares", (f"`{command}`", exam.setting),
-         ("what", "cases", "of", "share", "95 % limits", "95 % upper limit", "aim"), shares),
+         ("what", "cases", "of", "share", "95 % interval", "one-sided 95 % limit", "aim"), shares),
+        *([("Plan", plan[0], plan[1], plan[2])] if plan else []),
         ("Benches", ("Noise or settings are not as the campaign states. An effect that no test can tell from what the "
                      "bench did, such as a gain where the gauge reads too high, is no false alarm.",),
          BENCH_HEADER, benches if set(marks["by_bench"]) - {"stated"} else []),
-        ("Sizes", (), ("what", "median", "90 %", "largest"), sizes),
+        ("Size of the sets, and time", (), ("what", "median", "90 %", "largest"), sizes),
         ("Effects", ("Seen: said to be missing something; right: the verdict that an honest judge could give.",),
          ("hidden", "cases", "median strength", "seen", "right"), effects),
-        ("Intervals", ("Of cases that were answered rightly. Width: of the 95 % interval, over the true value, median.",
-                       ), ("parameter", "cases", "relative width", "hold the truth"), widths),
+        ("Intervals", ("Of cases that were answered rightly. Width: of the 95 % interval, over the true value, median; "
+                       f"a parameter whose width is {LOOSE:g} or more is not determined by such records, though its "
+                       "effect may be named.",), ("parameter", "cases", "relative width", "hold the truth"), widths),
         ("Failures", (failed,), ("case", "hidden (strength)", "noise", "fault", "bench", "answer"), wrong),
     ]
     return [Section(title, paragraphs, tables=(Table(header, rows),) if rows else ())

@@ -306,15 +306,16 @@ def _describe(bench: SelectionProblem, model: str, groups: Mapping[str, Sequence
         f"Δχ² = {limits.decisive:.0f}.",
         *([f"The reference model has {values}{'' if planned else ', or what was guessed from the samples'}."]
           if values else []),
-        *([_tell_records(bench)] if planned else []), *bench.warnings)
+        *([f"{tell_records(bench.campaign)} State yours by --channel, --interval, --length and --uncertainty."]
+          if planned else []), *bench.warnings)
     return Visibility(bench.campaign.name, bench.family.name, model, bench.records.count,
                       int(bench.records.lengths.sum()), tuple(effects), names, cosines, goal, alike, sentence, notes)
 
 
-def _tell_records(bench: SelectionProblem) -> str:
-    """What was taken for the records of a plan: noise, uncertainties, interval and length, in units that people use."""
-    plan, clock = bench.campaign, bench.campaign.independent
-    assert clock is not None and plan.samples is not None
+def tell_records(plan: Campaign) -> str:
+    """What the records of a plan, or of a campaign, are taken to be: noise, uncertainties, interval and length, in
+    units that people use."""
+    clock = plan.independent
 
     def show(name: str, value: float, unit: str) -> str:
         shown = describe_quantity(name, np.array([value]), unit=unit)
@@ -328,14 +329,18 @@ def _tell_records(bench: SelectionProblem) -> str:
                 f"{100 * spread.relative:.2g} %")
         return f"{describe_quantity(name).name if name != 'time' else 'time origin'} {size}"
 
-    first = plan.samples["record"].to_numpy() == plan.record_keys[0]
-    x = plan.samples[clock.name].to_numpy(dtype=float)[first]
-    noise = join_words([tell(c, column) for c, column in plan.channels.items()])
-    known = join_words(list(filter(None, [*(tell(n, c) for n, c in plan.conditions.items()), tell("time", clock)])))
-    step, length = (show(clock.name, value, clock.unit) for value in (x[1] - x[0], x[-1] - x[0]))
-    return (f"The records were taken to have a noise of {noise}, a sample every {step} and a length of {length}"
-            + (f", and the settings an uncertainty of {known}" if known else "")
-            + ": state yours by --channel, --interval, --length and --uncertainty.")
+    noise = list(filter(None, map(tell, plan.channels, plan.channels.values())))
+    parts = [f"a noise of {join_words(noise)}" if noise else "a noise that is measured"]
+    if clock is not None and plan.samples is not None:
+        first = plan.samples["record"].to_numpy() == plan.record_keys[0]
+        x = plan.samples[clock.name].to_numpy(dtype=float)[first]
+        if x.size > 1:
+            step, length = (show(clock.name, value, clock.unit) for value in (x[1] - x[0], x[-1] - x[0]))
+            parts += [f"a sample every {step}", f"a length of {length}"]
+    columns = [*plan.conditions.items(), *([("time", clock)] if clock is not None and clock.name == "time" else [])]
+    known = list(filter(None, (tell(name, column) for name, column in columns)))
+    return f"The records have {join_words(parts)}" + (
+        f"; the settings have an uncertainty of {join_words(known)}." if known else "; the settings are exact.")
 
 
 def read_plan(path: Path | str, model: Model = "paper", *, channels: Sequence[str] | None = None,

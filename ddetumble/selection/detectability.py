@@ -59,16 +59,17 @@ def measure_signature(problem: Problem, solution: Solution, origin: np.ndarray, 
 
 
 def find_size(problem: Problem, solution: Solution, origin: np.ndarray, name: str, goal: float,
-              first: float | None = None) -> Signature | None:
+              first: float | None = None, jumps: bool = False) -> Signature | None:
     """Size of an amplitude at which its signature has the length `goal`; None where none was found.
 
     Where the signature grows by a jump (a patch that begins to grip), the smallest size tried that shows enough.
-    `origin` holds coordinates with the shapes of the effect put in, `first` the distance from the null to try first.
+    `origin` holds coordinates with the shapes of the effect put in, `first` the distance from the null to try first;
+    `jumps` says whether a jump at the null counts, which says nothing of the size, but is there in simulated records.
     """
     p = problem.space.parameter(name)
     null, side = p.default, float(p.sign or 1)
     most = reach_limit(p)
-    if p.singular:
+    if p.singular and not jumps:
         solution = _move_beside(problem, solution, origin, name, null + side * LEAST * p.typical)
     size = min(0.1 * p.typical if first is None else first, most)
     before: tuple[float, float] | None = None

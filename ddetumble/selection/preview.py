@@ -155,7 +155,7 @@ def _move_effect(problem: Problem, solution: Solution, candidate: Candidate):
         goal, least = SHOWN * np.sqrt(used), candidate.smallest_detectable.get(name)
         first = None if least is None else (
             abs(p.transform.to_unconstrained(least) - p.default) * goal / detectable_length(1))
-        seen = find_size(problem, solution, origin, name, goal, first)
+        seen = find_size(problem, solution, origin, name, goal, first, jumps=True)
         if seen is None:
             continue
         reach = seen.size - p.default if np.isfinite(seen.size) else (p.sign or 1) * reach_limit(p)
