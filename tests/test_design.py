@@ -256,6 +256,10 @@ def test_a_verdict_between_a_gauge_and_an_effect(tmp_path):
     assert effects == [(one,) for one in (first, *(e for (e,) in effects[1:]))]
     assert {e for (e,) in effects[1:]} == set(others) and settings == [one.name for one in found.biases]
     assert any("membrane-area" in one for one in effects)
+    moved = [one for one in found.steps[0].shifts if one.is_alike]  # what a gauge that reads too high does
+    assert moved and all(one.mean_share < -0.01 for one in moved)
+    alike = {one.effect: set(one.indistinguishable_from) for one in found.candidates}
+    assert alike[first] == set(others) and all(first in alike[other] for other in others)
     found.save(tmp_path / "discovery")
     planned = design(tmp_path / "discovery", channels=())
     assert len(planned.rivals) == len(found.explanations) and planned.rivals == design(found, channels=()).rivals

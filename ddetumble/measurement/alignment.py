@@ -212,8 +212,9 @@ def _find_onsets(tests: list[RawTest], notes: list[str]) -> Onsets:
     except InputError as error:
         file = next((file for label, file in files.items() if error.problem.startswith(label)), None)
         raise InputError(error.problem, file=file) from None
-    notes.append(f"All contact onsets share an uncertainty of {found.common_sd * 1e3:.3g} ms, from the shape of the "
-                 "rise and the delay of the measuring chain, which the force itself does not show.")
+    notes.append("The onsets of contact may all be off by the same time: the force itself shows neither how it begins "
+                 "to rise nor the delay of the measuring chain. One standard deviation of this common error is "
+                 f"{found.common_sd * 1e3:.3g} ms.")
     if found.start != "curved":
         how = "with a jump, as of a dashpot" if found.start == "stepped" else "linearly in time, as of a wall"
         notes.append(f"The force begins {how}, not as the square of time; the onsets were found on this basis.")

@@ -44,9 +44,9 @@ def write_report(discovery: Discovery, folder) -> Path:
     cannot be written; returns its path.
     """
     records = len({trace.record for step in discovery.steps[-1:] for trace in step.traces})
-    level = discovery.settings.level
+    level, name = discovery.settings.level, clean(discovery.campaign, 60)
     status = [
-        f"campaign {clean(discovery.campaign, 60)}",
+        name if name.lower().startswith("campaign") else f"campaign {name}",
         clean(discovery.title, 120) if discovery.title != discovery.campaign else "",
         f"{records} records" if records != 1 else "1 record",
         f"reference model {clean(discovery.model, 60)}",
@@ -288,7 +288,7 @@ def _show_ranking(discovery: Discovery) -> Section:
                      format_error(one.prediction_nrmse), difference, ", ".join(sizes) or "–",
                      ", ".join(map(clean, one.indistinguishable_from)) or "–"))
     header = ("effect", "explains", "p", "visible", "cross-validated", "prediction",
-              "difference from the best, cross-validated", "smallest detectable", "indistinguishable from")
+              "behind the best, cross-validated [noise variances]", "smallest detectable", "indistinguishable from")
     marked = frozenset(i for i, one in enumerate(discovery.candidates) if one.effect in discovery.effects)
     tables = [Table(header, rows, "All effects of the catalogue as they stood at the first step.", marked)]
     paragraphs = [
@@ -361,8 +361,8 @@ def _show_judgement(discovery: Discovery) -> Section:
             texts.setdefault(re.sub(r"\d+", "", step.lack_of_fit.text), step.lack_of_fit.text)
     paragraphs = [text.rstrip(".") + "." for text in texts.values()]
     if len(discovery.steps) > 1:
-        paragraphs.append("Where models differ only in the numbers of such a sentence, it gives those of the first; "
-                          "the table has all.")
+        paragraphs.append("The numbers in this text are those of the first model that it holds for; the table has "
+                          "those of every model.")
     pictures = []
     if discovery.steps and any(one.get("varies") for one in discovery.noise.values()):
         pictures.append(draw_picture(

@@ -18,7 +18,7 @@ def report_fit(fit: Fit, folder) -> Path:
         InputError: The folder cannot be written.
     """
     traces = {clean(fit.model_text, 60): make_traces(fit.source, fit.problem.records, fit.solution, fit.noise)}
-    shifts = measure_shifts(fit.problem.records, fit.solution)
+    shifts = measure_shifts(fit.problem.records, fit.solution, campaign=fit.source)
     sections = [
         show_parameters({"this fit": fit}, [
             clean(text, 400) for text in (*fit.cannot_tell_apart, *fit.notes, *fit.tell_intervals())]),

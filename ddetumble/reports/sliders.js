@@ -91,6 +91,7 @@
     pen.textAlign = "left"; pen.fillText(number(one.place[0]), left, high - 18);
     pen.textAlign = "right"; pen.fillText(number(one.place[n - 1]), wide - right, high - 18);
     pen.textAlign = "center"; pen.fillText(data.abscissa, 0.5 * (left + wide), high - 4);
+    pen.save(); pen.translate(12, 0.5 * (top + middle)); pen.rotate(-Math.PI / 2); pen.fillText(data.drawn, 0, 0); pen.restore();
     const [brush, across, tall] = fit(bars, 0.16), each = across / records.length;
     const sizes = records.map(function (r) { return measure(r) / Math.max(r.samples, 1); });
     const largest = Math.max(...sizes, ...records.map(function (r) { return r.chi2 / Math.max(r.samples, 1); }), 1e-300);

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..inference.files import make_plain
 from ..measurement.quantities import describe_quantity
+from ..measurement.units import si_unit
 from ..selection.preview import Preview
 from .page import Section, read_text
 
@@ -16,7 +17,9 @@ from .page import Section, read_text
 def show_sliders(preview: Preview) -> Section:
     """A slider for every parameter of the reference model and every amplitude of an effect."""
     data = {
-        "campaign": preview.campaign, "model": preview.model, "effects": preview.effects, "abscissa": preview.abscissa,
+        "campaign": preview.campaign, "model": preview.model, "effects": preview.effects,
+        "abscissa": f"{preview.abscissa} [{si_unit(preview.abscissa)}]",
+        "drawn": f"{describe_quantity(preview.channel).name} [{preview.unit}]",
         "total": float(preview.chi2.sum()), "levers": [vars(one) for one in preview.levers],
         "records": [{
             "key": key, "samples": int(preview.samples[r]), "chi2": float(preview.chi2[r]),

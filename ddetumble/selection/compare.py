@@ -337,7 +337,7 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
                             for key, some in own_traces.items()]).assign(chi2_reduced=chi2 / np.maximum(used, 1))
     channels = pd.DataFrame([{"channel": channel, "unit": series[0].unit, **_errors(series)}
                              for channel, series in _split(traces).items()])
-    shifts = measure_shifts(bench.records, solution)
+    shifts = measure_shifts(bench.records, solution, campaign=bench.campaign)
     adjusted = predicted = PredictionError(np.full(len(keys), np.nan), float("nan"))
     if resolved.fitted and own is None:
         adjusted = PredictionError(split_error(bench.records, solution.channels), float("nan"))

@@ -64,7 +64,7 @@ def describe_step(selection: SelectionProblem, grown: FittedStep, before: Fitted
     """The record of one step."""
     fitted, solution = grown.fitted, grown.fitted.solution
     traces = make_traces(selection.campaign, selection.records, solution, selection.noise)
-    shifts = measure_shifts(selection.records, solution, selection.spread)
+    shifts = measure_shifts(selection.records, solution, selection.spread, selection.campaign)
     added = None
     if before is not None:
         added = next((e for e in fitted.effects if e not in before.fitted.effects), fitted.effects[-1])

@@ -121,7 +121,7 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     report("writing it down", 0.97)
     selection, steps, verdict = path.selection, end.steps, end.verdict
     described = [describe_step(selection, s, steps[k - 1] if k else None) for k, s in enumerate(steps)]
-    candidates = describe_candidates(selection, steps, path.tried)
+    candidates = describe_candidates(selection, end.dropped or steps, path.tried)
     last, campaign, rejected = steps[-1], selection.campaign, steps[0].lack.rejected
     doubts = list_doubts(verdict, candidates, questions, end.unphysical, settings) if rejected else ()
     rivals = [last.tried.refined[e] for e, _, _ in last.alternatives] if last.tried is not None else []

@@ -25,6 +25,7 @@ from ..inference.noise_estimation import list_spans, spline_columns
 from ..inference.problem import Problem, Solution
 from ..inference.stack import Records, is_added
 from ..inference.variance_components import follow_conditions, list_settings
+from ..measurement.campaign import Campaign
 from .result import LackOfFit, SettingShift
 from .settings import DEFAULT, SelectionSettings
 
@@ -127,10 +128,11 @@ def judge_fit(problem: Problem, solution: Solution, bases: Sequence[sparse.csr_m
     repeats = "" if repeats_p_value is None else (
         ", and what repeats over the records (random signs of whole records)")
     numbers = ("two", "three", "four")
-    text = (f"the smallest p-value, counted {numbers[1 + bool(repeats)]} times, of "
-            f"{numbers[bool(moved) + bool(repeats)]} statistics: chi-square of the smooth part of whitened residuals "
-            f"over {degrees:.0f} degrees of freedom (noise level known to {100 * doubt_level(noise):.1f} %); the "
-            f"largest efficient score of any effect or test direction outside the model{how}{moved}{repeats}")
+    text = (f"{numbers[bool(moved) + bool(repeats)]} statistics look for a lack of fit, each with a p-value, and the "
+            f"smallest, times {numbers[1 + bool(repeats)]} as there are several chances of a small one, decides: "
+            f"chi-square of the smooth part of whitened residuals over {degrees:.0f} degrees of freedom (noise level "
+            f"known to {100 * doubt_level(noise):.1f} %); the largest efficient score of any effect or test direction "
+            f"outside the model{how}{moved}{repeats}")
     if problem.records.are_values and smooth == 1.0:
         text += ("; the values leave nothing to test with that chi-square, as the model has as many parameters as the "
                  "curve whose scatter takes the place of the noise")
@@ -281,12 +283,12 @@ def bootstrap_p_value(scores: list[Score], noise: Mapping[str, Noise], draws: in
     return (above + 1.0) / (draws + 1.0)
 
 
-def measure_shifts(records: Records, solution: Solution, spread: Mapping[str, float] | None = None
-                   ) -> tuple[SettingShift, ...]:
+def measure_shifts(records: Records, solution: Solution, spread: Mapping[str, float] | None = None,
+                   campaign: Campaign | None = None) -> tuple[SettingShift, ...]:
     """Shifts of every setting with a stated uncertainty; what has none, and zeros that move, are no settings.
 
     `spread` is by how much the fit lets them scatter more than stated: shifts are in stated deviations all the same,
-    and their p-values are those of the larger scatter.
+    and their p-values are those of the larger scatter. With the `campaign` they are told as shares of the settings.
     """
     found = []
     deviations = np.asarray(records.stack.condition_sd)[: records.count]
@@ -295,8 +297,8 @@ def measure_shifts(records: Records, solution: Solution, spread: Mapping[str, fl
         ratio = (spread or {}).get(name, 1.0)
         moved = np.where(known, solution.z[:, k], 0.0) * ratio
         worst, share = int(np.argmax(np.abs(moved))), None
-        if name in records.stack.conditions and name not in records.starts:
-            values = np.abs(np.asarray(records.stack.conditions[name])[: records.count])
+        if campaign is not None and name in campaign.records:
+            values = np.abs(campaign.records[name].to_numpy(dtype=float))
             if np.all(values[known] > 0):
                 share = float(np.mean((solution.z[:, k] * deviations[:, k])[known] / values[known]))
         found.append(SettingShift(
