@@ -174,6 +174,22 @@ def test_a_speed_that_changes_within_a_test_is_no_condition(tmp_path):
         import_tests(path, keep=["speed=v"], **CONDITIONS)
 
 
+def test_a_column_is_left_out(tmp_path):
+    """One whose heading is understood, or one of two that may be the force; not one that is not there, or is named as
+    another quantity's."""
+    time, force = raw_trace()
+    headings = ["t [s]", "Fz [N]", "depression [mm]", "F2 [N]"]
+    path = write(tmp_path / "a.csv", raw_text([time, force, 1e3 * force, 2.0 * force], headings))
+    whole, less = (import_tests(path, force="Fz [N]", drop=drop, **CONDITIONS) for drop in (None, ["depression [mm]"]))
+    assert set(whole.channels) - set(less.channels) == {"depression"} and set(less.channels) == {"normal_force"}
+    twin = write(tmp_path / "b.csv", raw_text([time, force, 2.0 * force], ["t [s]", "A [N]", "B [N]"]))
+    pd.testing.assert_series_equal(import_tests(twin, drop="B", **CONDITIONS).samples["normal_force"],
+                                   less.samples["normal_force"])
+    for options, says in (({"drop": "depth"}, "no column 'depth'"), ({"drop": "F2", "force": "F2"}, "keep one")):
+        with pytest.raises(InputError, match=says):
+            import_tests(path, **options, **CONDITIONS)
+
+
 def test_an_offset_within_the_noise_stays(tmp_path):
     time, force = raw_trace(offset=0.0)
     campaign = import_tests(write(tmp_path / "a.csv", raw_text([time, force], ["t [s]", "Fz [N]"])), **CONDITIONS)

@@ -53,6 +53,8 @@ def import_files(
     record_column: Annotated[Text, option("COLUMN", "Column that says which test a row belongs to.")] = None,
     keep: Annotated[
         Texts, option("[NAME=]COLUMN", "A further column, or the column of a quantity; may be repeated.")] = None,
+    drop: Annotated[Texts, option(
+        "COLUMN", "Column that is left out although its heading would be understood; may be repeated.")] = None,
     unit: Annotated[Texts, option("NAME=UNIT", "Unit of a quantity whose heading has none; may be repeated.")] = None,
     uncertainty: Annotated[
         Texts, option("NAME=QUANTITY", "Standard deviation of a quantity: 'force=0.25 N'; may be repeated.")] = None,

@@ -1,7 +1,7 @@
 """Which column of a laboratory's file holds which quantity: as told, by its heading, or by its unit."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -85,6 +85,7 @@ class Plan:
     kind: RecordKind
     choices: dict[str, str]  # quantity to the column that was named for it
     keep: dict[str, str]  # further columns to the names that they get
+    drop: tuple[str, ...]  # columns that are left out, whatever their headings say
     units: dict[str, str]  # by quantity or column, from --unit
     mass: float | None  # effective mass [kg] that makes a force of an acceleration
     ambient: float | None = None  # pressure [Pa] that makes gauge pressures absolute; None where they are already
@@ -112,7 +113,7 @@ class Plan:
                 raise InputError(f"{name} of record {key!r}: {error.problem}{by}", **place) from None
 
 
-def make_plan(kind: RecordKind, force, time, slip, record_column, units, keep, mass: float | None) -> Plan:
+def make_plan(kind: RecordKind, force, time, slip, record_column, units, keep, drop, mass: float | None) -> Plan:
     """The options about columns."""
     choices, extra = {}, {}
     entries = keep.items() if isinstance(keep, dict) else [
@@ -124,7 +125,8 @@ def make_plan(kind: RecordKind, force, time, slip, record_column, units, keep, m
             extra[column] = name_condition(split_heading(column)[0])
     told = {kind.main: force, "time": time, "slip": slip, "record": record_column}
     choices |= {role: column for role, column in told.items() if column is not None}
-    return Plan(kind, choices, extra, read_pairs("unit", units), mass)
+    dropped = (drop,) if isinstance(drop, str) else tuple(map(str, drop or ()))
+    return Plan(kind, choices, extra, dropped, read_pairs("unit", units), mass)
 
 
 def choose_columns(raw: RawFile, plan: Plan) -> dict[str, str]:
@@ -134,10 +136,14 @@ def choose_columns(raw: RawFile, plan: Plan) -> dict[str, str]:
     """
     kind = plan.kind
     roles = {role: _find_column(raw, column) for role, column in plan.choices.items()}
+    dropped = {_find_column(raw, column) for column in plan.drop}
+    for role, column in roles.items():
+        if column in dropped:
+            raise InputError(f"the column {column!r} is to be left out, and to be the {role}: keep one", file=raw.file)
     guesses = {}
     for column in raw.columns:
         role = guess_role(column, kind)
-        if role and role not in roles and column not in roles.values():
+        if role and role not in roles and column not in roles.values() and column not in dropped:
             guesses.setdefault(role, []).append(column)
     options = {"time": "--time COLUMN", kind.path: "--slip COLUMN", kind.main: "--force COLUMN",
                "record": "--record-column COLUMN"}  # fmt: skip
@@ -150,9 +156,9 @@ def choose_columns(raw: RawFile, plan: Plan) -> dict[str, str]:
     if not set(kind.independents) & set(roles):
         option = "--slip COLUMN, or --time COLUMN for a time series" if kind.path else "--time COLUMN"
         independent = kind.path or kind.independents[0]
-        roles[independent] = _choose_by_unit(raw, independent, roles, option, plan)
+        roles[independent] = _choose_by_unit(raw, independent, {*roles.values(), *dropped}, option, plan)
     if kind.main and kind.main not in roles:
-        roles[kind.main] = _choose_by_unit(raw, kind.main, roles, "--force COLUMN", plan)
+        roles[kind.main] = _choose_by_unit(raw, kind.main, {*roles.values(), *dropped}, "--force COLUMN", plan)
     if kind.path and kind.path not in roles:
         problem = f"there is a time but no slip: the file has {', '.join(raw.columns)}; give --slip COLUMN, or export "
         raise InputError(problem + "how far the rubber has slid", file=raw.file)
@@ -186,9 +192,10 @@ def _measures(unit: str | None, like: str) -> bool:
         return False
 
 
-def _choose_by_unit(raw: RawFile, role: str, roles: dict[str, str], option: str, plan: Plan) -> str:
-    """The only column left whose unit measures the quantity; an acceleration where a mass makes a force of it."""
-    fits = {si: [column for column in raw.columns if column not in roles.values() and _measures(raw.units[column], si)]
+def _choose_by_unit(raw: RawFile, role: str, taken: Collection[str], option: str, plan: Plan) -> str:
+    """The only column whose unit measures the quantity, of those that are not taken; an acceleration where a mass makes
+    a force of it."""
+    fits = {si: [column for column in raw.columns if column not in taken and _measures(raw.units[column], si)]
             for si in (si_unit(role), "m/s^2")}
     found, accelerations = fits.values()
     weighed = role == "normal_force" and plan.mass is not None

@@ -36,14 +36,15 @@ from .units import ROLES, Uncertainty, check_unit, parse_quantity, parse_uncerta
 
 
 RAW, GAUGE = "raw", "gauge"
-SEVERAL = {"known", "keep", "units", "uncertainty", "common_uncertainty", "cut", "reverse", "zero", "describe"}
+SEVERAL = {"known", "keep", "drop", "units", "uncertainty", "common_uncertainty", "cut", "reverse", "zero",
+           "describe"}
 
 
 def import_tests(
     paths, *, family=DEFAULT_KIND, title=None, known=None,
     conditions=None, name_pattern=None, pressure=None, speed=None, load=None, gauge=None, ambient=None,
-    force=None, time=None, slip=None, record_column=None, keep=None, units=None, decimal=None, delimiter=None,
-    sheet=None, onset=None, symmetry_axis=None, uncertainty=None, common_uncertainty=None,
+    force=None, time=None, slip=None, record_column=None, keep=None, drop=None, units=None, decimal=None,
+    delimiter=None, sheet=None, onset=None, symmetry_axis=None, uncertainty=None, common_uncertainty=None,
     crop=None, cut=None, reverse=None, zero=None, describe=None,
 ) -> Campaign:
     """Turn the raw files of a test bench into a campaign; what they do not show is asked for, never guessed.
@@ -67,6 +68,7 @@ def import_tests(
         force, time, slip, record_column: Names of the columns with the force (slip: the friction), the time, the slip
             of the family slip, and the test that a row belongs to.
         keep: Further columns: "COLUMN", or "quantity=COLUMN" to choose the column of a quantity.
+        drop: Columns that are left out although their headings would be understood.
         units: Units by quantity or column: {"force": "N"} or "force=N".
         decimal, delimiter: "." or ","; "," ";" "|" "tab" or "space".
         sheet: Sheet of a spreadsheet or group of another file where there are several; with "*" or another pattern each
@@ -109,7 +111,8 @@ def import_tests(
             hint = ", whose tests have no contact" if option == "onset" else hint
             raise InputError(f"--{option} does not apply to the family {kind.name}{hint}")
     parameters = _read_known(known, ambient, kind)
-    plan = make_plan(kind, force, time, slip, record_column, units, keep, parameters.get("effective_mass"))
+    plan = make_plan(kind, force, time, slip, record_column, units, keep, drop,
+                     parameters.get("effective_mass"))
     if kind.pressure and gauge:
         plan.ambient = parameters.get("ambient_pressure")
         if plan.ambient is None:
