@@ -215,7 +215,8 @@ def test_an_effect_and_an_error_of_a_setting_are_rivals(rivals, tmp_path):
     for place, model in (("", load(rivals)), ("explanations/1", load(rivals)),
                          ("explanations/2", wrong.fitted_model())):
         save_model(tmp_path / place, model)
-    content = {"verdict": "undecided", "reason": "setting", "steps": [{"alternatives": []}], "explanations": [{}, {}]}
+    content = {"verdict": "undecided", "reason": "setting", "steps": [{"alternatives": []}],
+               "explanations": [{"setting": None}, {"setting": "normal_load"}]}
     (tmp_path / "result.json").write_text(json.dumps(content))
     found = design(tmp_path, channels=())
     assert found.rivals[0] == "viscous-friction" and len(found.rivals) == 2 and found.reason == ""

@@ -171,7 +171,7 @@ def preview_test(models: Sequence[FittedModel], limits: Sequence[Limit], extras:
         raise InputError("the model was written by an earlier version and does not say how its campaign was sampled; "
                          "run fit or discover again", file=first.folder)
     space = ParameterSpace(first.space.reference, tuple(dict.fromkeys(e for m in models for e in m.space.effects)),
-                           {c.slot.name: c for m in models for c in m.space.commons}.values())
+                           tuple({c.slot.name: c for m in models for c in m.space.commons}.values()))
     spreads, family = [m.spread() for m in models], space.family
     base = np.tile(space.coordinates(), (len(models), 1))
     directions = np.zeros((len(models), max(map(len, spreads)), len(space)))

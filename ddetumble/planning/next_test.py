@@ -3,6 +3,7 @@
 import dataclasses as dc
 import json
 from collections.abc import Callable, Mapping, Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -223,7 +224,8 @@ def list_confused(models: str | Path | Fitted | Sequence[str | Path | Fitted]) -
     if isinstance(models, Discovery):
         rivals = [one.fitted_model() for one in models.explanation_fits] or [
             models.fitted_model(), *(one.fitted_model() for one in models.rivals)]
-        return _ask(rivals, models.verdict, models.reason, [f.records for f in models.faults if f.kind == "doubtful"])
+        return _ask(rivals, models.verdict, [one.setting for one in models.explanations], models.reason,
+                    [fault.records for fault in models.faults if fault.kind == "doubtful"])
     found = [take_fitted(one) for one in (
         [models] if isinstance(models, (str, Path, FittedModel, AbstractFitted)) else models)]
     if len({(one.sha256, type(one.space.reference)) for one in found}) != 1:
@@ -242,34 +244,29 @@ def _read_question(folder: Path) -> Question:
     if len(places) < len(expected):
         raise InputError("the models between which the verdict leaves open are not in this folder; run discover again",
                          file=folder)
-    rivals = [*map(load, places)] or rivals
+    rivals = [*map(load, places[: len(expected)])] or rivals
     doubtful = [one["records"] for one in content.get("faults", ()) if one["kind"] == "doubtful"]
-    return _ask(rivals, verdict, content.get("reason", ""), doubtful)
+    return _ask(rivals, verdict, [one["setting"] for one in expected], content.get("reason", ""), doubtful)
 
 
-def _ask(rivals: Sequence[FittedModel], verdict: str, reason: str = "", doubtful: Sequence[Sequence[str]] = ()
-         ) -> Question:
-    """The question that models put, with their names and the calibrations that would answer it."""
-    shared = [{common.slot.name for common in one.space.commons} for one in rivals]
-    # Errors that the campaign itself states are in every one of them.
-    stated = set.intersection(*shared) if len(rivals) > 1 else set()
-    names, calibrations = [], {}
-    for one in rivals:
+def _ask(rivals: Sequence[FittedModel], verdict: str, settings: Sequence[str | None] = (), reason: str = "",
+         doubtful: Sequence[Sequence[str]] = ()) -> Question:
+    """The question that models put, with their names and the calibrations that would answer it; `settings` are those
+    whose error is a parameter of each model that explains an open verdict."""
+    names, calibrations = [], []
+    for one, setting in zip_longest(rivals, settings):
         parts = list(one.effects)
-        for common in one.space.commons:
-            name = common.slot.name
-            made = one.extra.get("made_by") == "discover" and common.relative and common.column in one.ranges
-            if name in stated or not made or name not in one.free:
-                continue
-            parts.append(f"an error of the {describe_quantity(common.column).name}")
+        if setting is not None:
+            parts.append(f"an error of the {describe_quantity(setting).name}")
+            name = f"{setting}_shift"
             k = one.free.index(name)
             bias, sd = -float(one.u[one.space.index[name]]), float(np.sqrt(max(one.covariance[k, k], 0.0)))
             needed = abs(bias) / float(np.sqrt(DEFAULT.decisive))
-            calibrations[common.column] = Calibration(common.column, bias, sd, needed)
+            calibrations.append(Calibration(setting, bias, sd, needed))
         names.append(" + ".join(parts) or one.model)
     # Two fits of one model in different folders are told apart by these.
     names = [f"{name} ({k + 1})" if names.count(name) > 1 else name for k, name in enumerate(names)]
-    return Question(tuple(rivals), tuple(names), verdict, tuple(calibrations.values()), reason,
+    return Question(tuple(rivals), tuple(names), verdict, tuple(calibrations), reason,
                     tuple(record for records in doubtful for record in records))
 
 

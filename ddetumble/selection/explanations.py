@@ -65,8 +65,9 @@ def list_explanations(path: Path, steps: Sequence[FittedStep], biases: Sequence[
     if biases:
         if verdict != "nothing-missing":
             add(last.fitted)
-            for effect, _, _ in last.alternatives if last.tried is not None else ():
-                add(last.tried.refined[effect])
+            if last.tried is not None:
+                for effect, _, _ in last.alternatives:
+                    add(last.tried.refined[effect])
         for one in biases:
             rest = next((step.fitted for step in reversed(steps) if not {*one.effects} & {*step.fitted.effects}),
                         steps[0].fitted)
