@@ -127,7 +127,7 @@ def discover_effects(
         typer.echo(f"To begin with the nearer reference model: ddetumble discover {shlex.quote(campaign)} "
                    f"-m {near['model']}")
     where = shlex.quote(str(target))
-    if result.explanations or result.steps[-1].alternatives:
+    if len(result.explanations) > 1 or result.steps[-1].alternatives:
         typer.echo(f"The test that tells them apart: ddetumble design {where}")
     elif result.verdict in ("explained", "nothing-missing"):
         typer.echo(f"Other conditions: ddetumble predict {where} CONDITIONS.csv -o predictions.csv")

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from .. import figures
+from .._sentences import tell
 from ..families import View, find_family
 from ..figures.traces import are_values, find_span, find_stretch, standardise
 from ..measurement.quantities import (
@@ -121,7 +122,7 @@ def _arrange_sections(discovery: Discovery, preview: Future[Preview | None] | No
         sections.append(show_parameters(models, [
             f"{clean(a)} and {clean(b)} have a correlation of {value:+.3f}: the data determine a combination of them "
             "far better than either." for a, b, value in strong]))
-    sections.append(_show_judgement(discovery))
+    sections += [_show_judgement(discovery), _show_next(discovery)]
     rows = [("campaign", clean(discovery.campaign)), ("title", clean(discovery.title)), ("family", discovery.family),
             ("SHA-256 of the campaign", discovery.sha256), ("reference model", clean(discovery.model)),
             ("verdict", discovery.verdict),
@@ -370,6 +371,15 @@ def _show_judgement(discovery: Discovery) -> Section:
             "takes, as it moves little from sample to sample.", figures.draw_noise_sizes,
             discovery.steps[-1].traces, discovery.noise, alt="Size of the noise against the reading, by channel."))
     return Section("How the verdict was reached", paragraphs, pictures, tables, list(discovery.notes))
+
+
+def _show_next(discovery: Discovery) -> Section:
+    """Commands that go on from the verdict."""
+    last = discovery.steps[-1].alternatives if discovery.steps else ()
+    rivals = max(len(discovery.explanations), 1 + len(last))
+    return Section("What next", points=tell(
+        "verdict.next", verdict=discovery.verdict, rivals=rivals if rivals > 1 else 0,
+        effects=list(map(clean, discovery.effects)), plans=find_family(discovery.family).has_contact))
 
 
 def _begin(channel: str) -> str:
