@@ -200,6 +200,23 @@ def test_without_rivals_the_parameters_are_narrowed(rivals):
     assert found.proposals[0].narrowings[0].after < 0.8 * found.proposals[0].narrowings[0].before
 
 
+@pytest.mark.slow
+def test_effects_that_too_few_conditions_leave_open(tmp_path):
+    """Two impacts, of which no condition can be left out: every effect that would explain most of the misfit by itself
+    is a rival, and the design tells these apart."""
+    made = make_campaign("two", 7, {"membrane-area": {"alpha": 0.4}}, {"effective_mass": 1.2, "restitution": 0.74},
+                         [1.0e6, 2.0e6], [0.25], 1, interval=2.5e-4, noise={"normal_force": 0.1})
+    write_package(tmp_path / "campaign", made)
+    found = dd.discover(tmp_path / "campaign")
+    assert (found.verdict, found.reason) == ("undecided", "conditions")
+    most = found.settings.largest_part
+    sufficient = {one.effect for one in found.candidates if one.explains > most and not one.beyond}
+    assert "membrane-area" in sufficient and {one.effects for one in found.explanations} == {(e,) for e in sufficient}
+    planned = design(found, channels=())
+    assert set(planned.rivals) == sufficient and planned.calibrations == ()
+    assert len(planned.proposals[0].pairs) == len(sufficient) * (len(sufficient) - 1) // 2
+
+
 def fit_rival_settings(campaign, settings):
     """Rubber friction with an error of each of these settings that all records share, as `discover` fits them."""
     selection, fitted = fit_reference(pose_selection(campaign, RubberFriction()))

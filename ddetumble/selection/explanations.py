@@ -17,7 +17,7 @@ from ..inference.stack import list_commons
 from ..measurement.units import Uncertainty
 from .bias import SettingBias
 from .describe import make_fit
-from .forward_selection import FittedStep, Path, is_beyond
+from .forward_selection import FittedStep, Path, fit_with_shapes, is_beyond
 from .problem import Fitted, SelectionProblem
 
 
@@ -76,8 +76,10 @@ def list_explanations(path: Path, steps: Sequence[FittedStep], biases: Sequence[
     elif verdict == "undecided":
         reference = steps[0].fitted
         for effect in sufficient:
-            fitted = path.tried.refined.get(effect)
-            if fitted is not None and not fitted.thinned and not is_beyond(selection, reference, fitted):
+            # Those that never came near the best were fitted to thinned records only.
+            fitted = path.tried.refined.get(effect) or fit_with_shapes(
+                selection, path.tried.screened[effect], reference, effect)
+            if fitted.solution is not reference.solution and not is_beyond(selection, reference, fitted):
                 add(fitted)
     return tuple(one for one, _ in models), tuple(make for _, make in models)
 
