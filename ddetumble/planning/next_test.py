@@ -395,7 +395,9 @@ def _explain(found: Design, question: Question) -> Design:
     notes = tell(
         "plan.next_test_notes", best=best, decisive=DEFAULT.decisive,
         others=[(one, describe_test(one, found.limits)) for one in others],
-        alone=len(found.rivals) == 1, most=MOST, ranges=[_describe_limit(one) for one in found.limits if one.free],
+        alone=len(found.rivals) == 1, most=MOST,
+        apart=bool(found.calibrations) and any(one.extra is not None for one in found.proposals),
+        ranges=[_describe_limit(one) for one in found.limits if one.free],
         held=[_describe_limit(one) for one in found.limits if not one.free], at_limit=best.at_limit,
         assumed=[f"{one.extra.name} {one.extra.sd:g} {one.extra.unit}".removesuffix(" 1") for one in found.proposals
                  if one.extra is not None and one.extra.assumed])
