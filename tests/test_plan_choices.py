@@ -19,11 +19,13 @@ from ddetumble.dynamics.collision import simulate_collision
 from ddetumble.dynamics.surfaces import Debris, make_debris, make_polytope
 from ddetumble.planning.errors import err_problem
 from ddetumble.planning.execution import draw_errors, follow_errors, try_errors
+from ddetumble.planning.plan import Plan, PlanSettings
 from ddetumble.planning.prices import price_limits
 from ddetumble.planning.problem import Goal, Limits, StrikeProblem, drift, score
 from ddetumble.planning.rules import compare_rules
 from ddetumble.planning.scenario import pose_problem
 from ddetumble.planning.scenario_file import ErrorTable, read_scenario
+from ddetumble.planning.sequence import add_up
 from ddetumble.planning.single import compute_impact, compute_slopes, plan_strike
 from ddetumble.planning.uncertainty import find_tail
 
@@ -197,6 +199,23 @@ def test_errors_of_a_sequence(held):
     astray = follow(place=1e4, draws=8)
     assert [one.missed for one in astray] == [1.0, 1.0] and [one.mean for one in astray] == [1.0, 1.0]
     assert follow(speed=0.3)[0].mean > planned[0] and follow(inertia=0.2, rates=0.1)[1].mean > planned[1]
+
+
+def test_a_blow_at_any_phase_may_speed_the_body_up():
+    """A strike whose instant is wrong by turns of the body adds momentum in about as many draws as it takes some: that
+    share, and what one of twenty leaves, are in the spread and in the sentence; vanishing errors add none.
+    """
+    problem = pose([0.02, 0.0, 0.0])
+    plan = plan_strike(problem, starts=2)
+    none = dict.fromkeys(ErrorTable().model_dump(exclude={"draws", "plan_for"}), 0.0)
+    exact, astray = (ErrorTable(draws=32, **(none | {"instant": sd})) for sd in (1e-7, 1e4))
+    assert try_errors(problem, plan, exact)[-1].raised == 0.0
+    spreads = try_errors(problem, plan, astray)
+    one = spreads[-1]
+    assert 0.2 < one.raised < 0.8 and one.q95 > 1.05
+    sequence = add_up(problem, [plan], 0.01)
+    told = Plan(problem, PlanSettings(errors=astray), sequence, spreads=spreads).sentence
+    assert f"{100 * one.q95:.1f} %" in told and f"{100 * one.raised:.0f} %" in told
 
 
 def test_an_erring_impact_has_slopes(held):

@@ -18,6 +18,9 @@ from .single import StrikePlan
 
 
 OF_THE_ARM = ("instant", "place", "direction", "speed")  # drawn anew for every impact; all else is of the body
+# Share of the momentum before, by which more of it has to be there afterwards to count: what rounding never makes, and
+# what nobody would measure.
+RAISED = 5e-4
 PASSED = 0.05  # of force or depression, by which an erring impact may pass the limit before that is called so
 
 
@@ -32,6 +35,7 @@ class Spread:
     missed: float  # share of the draws in which the ball meets no surface, or an edge of it
     violated: float  # share of the draws in which force, depression or another limit of the contact is passed
     drift: tuple[float, float]  # speed that the blow gives the body, mean and standard deviation [m/s]
+    raised: float  # share of the draws in which there is more momentum than before the first impact
 
 
 def draw_errors(sizes: Mapping[str, float], count: int, seed: int) -> list[dict[str, Array]]:
@@ -91,7 +95,8 @@ def _summarise(error: str, size: float, share: np.ndarray, missed: np.ndarray, v
                ) -> Spread:
     """What all draws of one error come to, each shape (draws,)."""
     return Spread(error, size, float(share.mean()), float(np.quantile(share, 0.95)), float(missed.mean()),
-                  float(violated.mean()), (float(drift.mean()), float(drift.std())))
+                  float(violated.mean()), (float(drift.mean()), float(drift.std())),
+                  float(np.mean(share > 1.0 + RAISED)))
 
 
 @eqx.filter_jit

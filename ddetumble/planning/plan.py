@@ -18,7 +18,7 @@ from ..measurement.plausibility import Implausibility
 from ..measurement.units import format_time
 from .draws import Laws, Source, draw_laws, find_models
 from .errors import NAMES
-from .execution import Spread, draw_errors, follow_errors, try_errors
+from .execution import RAISED, Spread, draw_errors, follow_errors, try_errors
 from .measured import (
     MeasuredRange,
     Misfit,
@@ -146,7 +146,7 @@ class Plan(AbstractPrinted):
         told = [
             say("plan.headline", found=found, share=share, worth=worth, erring=erring, stated=stated),
             say("plan.misfits", misfits=self.misfits) if self.misfits else "", *self.doubts,
-            say("plan.outcome", found=found, share=share, worth=worth, erring=erring,
+            say("plan.outcome", found=found, share=share, worth=worth, erring=erring, raised=RAISED,
                 most=most[0] if len(most) == 1 else "", beyond=self.beyond,
                 last=format_time(found.instants[-1], find_end(found)) if found.instants else "",
                 relaxed=[(one, _round_loosely(one.needed, one.needed > one.given)) for one in found.relaxations],

@@ -19,6 +19,7 @@ from ..figures.planning import draw_contacts, draw_motion, draw_outlook, draw_pr
 from ..inference.files import write_json
 from ..measurement.units import choose_time_unit
 from ..planning.errors import NAMES
+from ..planning.execution import Spread
 from ..planning.measured import Extrapolation, format_extrapolation, list_extrapolations
 from ..planning.plan import Plan, find_end
 from ..planning.problem import StrikeProblem, list_faces, measure_share
@@ -51,7 +52,8 @@ WORDS = {
             "mean over its own worst share.",
 }
 CHEAP = 1e-6  # of the goal, below which nothing is gained by a looser limit
-OUTCOME = ("momentum left, mean [%]", "95 % of draws below [%]", "missed [%]", "limits violated [%]")
+OUTCOME = ("momentum left, mean [%]", "95 % of draws below [%]", "more than before [%]", "missed [%]",
+           "limits violated [%]")
 # Unit in which errors are shown, and its number in SI.
 UNITS = {"instant": ("s", 1.0), "place": ("mm", 1e3), "direction": ("°", 180.0 / np.pi), "speed": ("%", 100.0),
          "rates": ("%", 100.0), "attitude": ("°", 180.0 / np.pi), "inertia": ("%", 100.0), "centre": ("mm", 1e3)}
@@ -317,8 +319,7 @@ def _show_errors(plan: Plan) -> Section:
     for one in plan.spreads:
         unit, scale = UNITS.get(one.error, ("", 1.0))
         size = "" if one.error == "all" else f"{scale * one.size:.3g} {unit}"
-        rows.append([NAMES.get(one.error, "all together"), size, f"{100 * one.mean:.2f}", f"{100 * one.q95:.2f}",
-                     f"{100 * one.missed:.0f}", f"{100 * one.violated:.0f}"])
+        rows.append([NAMES.get(one.error, "all together"), size, *_list_outcome(one)])
     told = [f"The first impact leaves {100 * own:.2f} % if all goes as planned. Each error below is drawn "
             f"{plan.settings.errors.draws} times with its standard deviation ([errors] in the scenario); a ball that "
             "misses, or meets an edge, leaves all of the momentum.",
@@ -330,13 +331,18 @@ def _show_errors(plan: Plan) -> Section:
     if plan.after:
         tables.append(Table(
             ["impact", "as planned [%]", *OUTCOME, "drift given to the body [mm/s]"],
-            [[str(k), f"{100 * float(planned):.2f}", f"{100 * one.mean:.2f}", f"{100 * one.q95:.2f}",
-              f"{100 * one.missed:.0f}", f"{100 * one.violated:.0f}",
+            [[str(k), f"{100 * float(planned):.2f}", *_list_outcome(one),
               f"{1e3 * one.drift[0]:.3g} ± {1e3 * one.drift[1]:.2g}"]
              for k, (planned, one) in enumerate(zip(plan.sequence.shares, plan.after, strict=True), 1)],
             "After each impact, all errors together and those of the arm drawn anew. The first is struck by the "
             "estimate of the motion; before each further one the arm has looked again. Nothing is planned again."))
     return Section("What errors do to the plan", told, tables=tables)
+
+
+def _list_outcome(one: Spread) -> list[str]:
+    """Cells of `OUTCOME`, all in per cent."""
+    return [f"{100 * one.mean:.2f}", f"{100 * one.q95:.2f}",
+            *(f"{100 * part:.0f}" for part in (one.raised, one.missed, one.violated))]
 
 
 def _show_outlook(found: Assessment, plan_for: str, prospect: Prospect | None, share: float) -> Section:
