@@ -573,6 +573,10 @@ def test_bodies_of_equal_moments_are_planned_for(tmp_path, shape):
     plan = json.loads((tmp_path / "plan" / "plan.json").read_text(encoding="utf-8"))
     one, = plan["impacts"]
     assert one["allowed"] and one["certificate"]["gradient_error"] < 5e-3 and plan["share_left"] < 0.95
+    # What is small for a small body is told to three digits.
+    assert plan["impulse"] < 1.0 and f"impulse of {plan['impulse']:.3g} N s" in plan["sentence"]
+    page = (tmp_path / "plan" / "report.html").read_text(encoding="utf-8")
+    assert all(f"{value:.3g}" in page for value in (one["peak_normal_force"], 1e3 * one["peak_depression"]))
 
 
 @pytest.mark.slow

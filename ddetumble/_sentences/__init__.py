@@ -62,6 +62,7 @@ def _load():
         "words": q.join_words, "alternatives": lambda words: q.join_words(words, "or"), "percent": q.format_share,
         "name": lambda name: q.describe_quantity(name).name,
         "estimate": lambda one: q.format_estimate(one.estimate, one.sd, one.unit),
+        "plain": q.format_plain,
         "g": lambda value, digits=3: f"{value:.{digits}g}", "f": lambda value, digits=2: f"{value:.{digits}f}",
         "signed": lambda value, digits=2: f"{value:.{digits}f}".replace("-", "−"),
         "begin": lambda text: text[:1].upper() + text[1:],

@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import json
+import math
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -212,8 +213,8 @@ def write_plan(plan: Plan, folder) -> Path:
         unit, factor = choose_time_unit(find_end(sequence))
         rows = [[str(one["impact"]), f"{factor * one['instant']:.{4 if unit == 'h' else 2}f}", one["face"],
                  _join(one["point"]), _join(one["arm_velocity"]), f"{one['initial_pressure'] / 1e6:.3f}",
-                 f"{one['peak_normal_force']:.1f}", f"{1e3 * one['peak_depression']:.2f}",
-                 f"{1e3 * one['duration']:.1f}", f"{100 * one['share_left']:.3f}",
+                 _show(one["peak_normal_force"], 1), _show(1e3 * one["peak_depression"], 2),
+                 _show(1e3 * one["duration"], 1), f"{100 * one['share_left']:.3f}",
                  ", ".join(one["certificate"]["binding"]) or "none"] for one in impacts]
         tables.append(Table(
             ["impact", f"at [{unit}]", "face", "point, body [m]", "arm's velocity, inertial [m/s]", "pressure [MPa]",
@@ -269,7 +270,7 @@ def _show_problem(plan: Plan) -> Section:
     rows = [
         ["debris", "mass", f"{float(debris.mass):.4g} kg"],
         ["debris", "principal moments of inertia", f"{', '.join(f'{one:.4g}' for one in moments)} kg m²"],
-        ["debris", "angular velocity, body", f"({_join(rates)}) rad/s, {np.degrees(turn):.2f} °/s in all"],
+        ["debris", "angular velocity, body", f"({_join(rates)}) rad/s, {_show(np.degrees(turn), 2)} °/s in all"],
         ["debris", "angular momentum", f"{float(np.linalg.norm(inertia @ rates)):.4g} N m s"],
         ["debris", "rotational energy", f"{0.5 * float(rates @ inertia @ rates):.4g} J"],
         ["allowed", "faces", allowed + area],
@@ -298,11 +299,11 @@ def _show_alternatives(plan: Plan) -> Section:
                             "What a limit costs: hundredths of the goal that the impact would gain if it were a little "
                             "looser, to first order."))
     own = measure_share(plan.problem, np.asarray(first.collision.angular_velocity))
-    shown = [["as planned", f"{100 * own:.2f}", "none", f"{float(np.linalg.norm(first.design.velocity)):.3f}",
+    shown = [["as planned", f"{100 * own:.2f}", "none", _show(float(np.linalg.norm(first.design.velocity)), 3),
               f"{100 * own:.2f}"]]
     for blow in plan.rules:
         shown.append([blow.rule, "–" if np.isnan(blow.share) else f"{100 * blow.share:.2f}",
-                      ", ".join(blow.violated) or "none", "–" if np.isnan(blow.speed) else f"{blow.speed:.3f}",
+                      ", ".join(blow.violated) or "none", "–" if np.isnan(blow.speed) else _show(blow.speed, 3),
                       "–" if np.isnan(blow.allowed_share) else f"{100 * blow.allowed_share:.2f}"])
     tables.append(Table(
         ["direction of the blow", "momentum left [%]", "limits violated", "speed within limits [m/s]",
@@ -353,7 +354,8 @@ def _show_outlook(found: Assessment, plan_for: str, prospect: Prospect | None, s
         passed = ", ".join(f"{limit} {100 * part:.0f} %" for limit, part in one.violated.items() if part > 0)
         rows.append([name, f"{one.weight:.2f}", f"{100 * left.mean:.2f} ± {100 * left.sd:.2f}",
                      f"{100 * left.q05:.2f} to {100 * left.q95:.2f}", f"{100 * left.tail:.2f}",
-                     f"{force.mean:.1f} ± {force.sd:.1f}", f"{1e3 * depth.mean:.2f} ± {1e3 * depth.sd:.2f}",
+                     f"{_show(force.mean, 1)} ± {_show(force.sd, 1, 2)}",
+                     f"{_show(1e3 * depth.mean, 2)} ± {_show(1e3 * depth.sd, 2, 2)}",
                      passed or "none", f"{100 * one.regret.loss:.2f}"])
     table = Table(
         ["model", "weight", "momentum left, mean ± sd [%]", "5 to 95 % of the draws [%]",
@@ -391,12 +393,20 @@ def _show_proofs(sequence: Sequence, impacts: list[dict[str, Any]]) -> Section:
     for one in impacts:
         proof, count = one["certificate"], one["integrations"]
         rows.append([str(one["impact"]), f"{proof['stationarity']:.1e}", f"{proof['gradient_error']:.1e}",
-                     f"{1e3 * proof['edge_margin']:.1f}", str(count["values"]), str(count["gradients"]),
+                     _show(1e3 * proof["edge_margin"], 1), str(count["values"]), str(count["gradients"]),
                      ", ".join(f"{start['score']:.4f}" for start in one["starts"])])
     header = ("impact", "unbalanced gradient", "gradient against differences", "disc to edge [mm]", "integrations",
               "gradients", "score of each start")
     return Section("Optimality of the plan", told, tables=[Table(header, rows)])
 
 
+def _show(value: float, places: int, digits: int = 3) -> str:
+    """A number to so many decimal places, and to more where that would leave it fewer than so many digits."""
+    size = abs(value) if math.isfinite(value) and value else 1.0
+    return f"{value:.{max(places, digits - 1 - math.floor(math.log10(size)))}f}"
+
+
 def _join(vector) -> str:
-    return ", ".join(f"{x:.3f}" for x in vector).replace("-", "−")
+    """Components of a vector, all to the places that give its largest three digits, and three at least."""
+    places = len(_show(max(map(abs, vector)), 3).partition(".")[2])
+    return ", ".join(f"{x:.{places}f}" for x in vector).replace("-", "−")
