@@ -87,9 +87,9 @@ AFTER_SCENARIO = """\
 | `measured` | values over which the ball's fits were measured; empty for the paper's ball |
 | `misfits` | the ball's fits that leave significantly more than the noise of their own campaign; `ratio`: how much |
 | `doubts` | sizes in the scenario that no debris, ball or arm is expected to have, with what is expected, SI |
-| `prices` | of every impact what it would gain, in units of the goal, if a limit that holds it were looser |
+| `prices` | what an impact would gain, in units of the goal, by looser limits that hold it; of a joint plan none |
 | `rules` | a straight blow and the paper's rule at the place of the first impact: what they leave |
-| `errors` | what errors of the arm and of the motion make of the first impact, each alone and all together |
+| `errors` | what errors of arm and motion make of the first impact, each alone and all together |
 | `errors_after` | what all errors together leave after every impact of a sequence |
 | `uncertainty` | distribution of the momentum left, by model, and whether it matters which is true |
 
@@ -97,11 +97,15 @@ An impact's vectors: `point` is in body components; `arm_velocity`, `normal`, `i
 inertial; `angular_velocity` is in body components; `debris_velocity` is the drift that the impact gives, and
 `chaser_velocity` the recoil of a chaser of the stated mass, if nothing else holds it.
 `certificate.stationarity` is what is left of the gradient after the binding constraints' share, over the gradient;
-`gradient_error` its largest difference from central differences. `extrapolated` lists what lies outside of
-`measured`. In `refused`, `estimate` is the least that closed forms see allowed, and `missed` says whether that is worth
-its while: then the search has failed. In `joint`, `alone` lists the number, share left, impulse and duration of the
-impacts planned one after the other. In `relaxations`, `key` is the scenario's, `given` its value, and `needed` one at
-which such an impact was integrated, the tightest that was found.
+`gradient_error` its largest difference from central differences; `finding` says what they amount to: `optimum`, `not an
+optimum` (more than 2 % of the gradient is left), `nothing left` or `no limit holds`, where the gradient vanishes and
+both say nothing; `binding` names the limits that hold the impact, with their multipliers. `limits_reached` names those
+that it keeps by less than 1 % (of an edge 1 mm), whether they cost anything or not. `extrapolated` lists what lies
+outside of `measured`. In `errors` and `errors_after`, `raised` is the share of the draws that end with more momentum
+than there was before the first impact. In `refused`, `estimate` is the least that closed forms see allowed, and
+`missed` says whether that is worth its while: then the search has failed. In `joint`, `alone` lists the number, share
+left, impulse and duration of the impacts planned one after the other. In `relaxations`, `key` is the scenario's,
+`given` its value, and `needed` one at which such an impact was integrated, the tightest that was found.
 """
 
 

@@ -13,7 +13,6 @@ from pathlib import Path
 from ddetumble import find_data
 from ddetumble.cli import main as run_command
 from ddetumble.inference.files import list_versions, write_json
-from ddetumble.reports.plan import ENDED
 
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -36,7 +35,8 @@ def plan_all(folder: Path) -> list[dict]:
             "scenario": path.stem, "sentence": plan["sentence"], "reached": plan["reached"],
             "impacts": len(plan["impacts"]), "bound": plan["fewest_impacts"], "left": plan["share_left"],
             "wanted": plan["wanted_share"], "duration": plan["duration"], "impulse": plan["impulse"],
-            **{name: max((one["certificate"][name] for one in plan["impacts"] if one["score"] > ENDED), default=None)
+            **{name: max((one["certificate"][name] for one in plan["impacts"]
+                          if one["certificate"]["finding"] in ("optimum", "not an optimum")), default=None)
                for name in ("stationarity", "gradient_error")},
             "seconds": round(seconds, 1)})
     return rows
@@ -48,7 +48,8 @@ def tell(rows: list[dict]) -> str:
              "Made by `python -m docs.plan_scenarios -o fits/plans`; each `NAME.json` is what `ddetumble plan "
              "data/scenarios/NAME.toml` wrote. Stationarity is the largest share of the gradient that the binding "
              "constraints leave, over all impacts but those that leave next to nothing (where |L| is nought it has no "
-             "gradient); the error is that of the gradient against differences.", "",
+             "gradient) and those that no limit holds (where the gradient vanishes); the error is that of the gradient "
+             "against differences.", "",
              "| scenario | impacts (at least) | left | wanted | time [s] | impulse [N s] | stationarity | error | "
              "seconds |", "| --- | --- | --- | --- | --- | --- | --- | --- | --- |"]
     for r in rows:

@@ -20,14 +20,15 @@ from ddetumble.dynamics.surfaces import Debris, make_debris, make_polytope
 from ddetumble.planning.errors import err_problem
 from ddetumble.planning.execution import draw_errors, follow_errors, try_errors
 from ddetumble.planning.plan import Plan, PlanSettings
-from ddetumble.planning.prices import price_limits
+from ddetumble.planning.prices import REACHED, list_reached, price_limits
 from ddetumble.planning.problem import Goal, Limits, StrikeProblem, drift, score
 from ddetumble.planning.rules import compare_rules
 from ddetumble.planning.scenario import pose_problem
 from ddetumble.planning.scenario_file import ErrorTable, read_scenario
-from ddetumble.planning.sequence import add_up
+from ddetumble.planning.sequence import Joint, add_up
 from ddetumble.planning.single import compute_impact, compute_slopes, plan_strike
 from ddetumble.planning.uncertainty import find_tail
+from ddetumble.reports.plan import write_plan
 
 
 pytestmark = pytest.mark.slow  # one program, compiled first, is in all of them
@@ -140,6 +141,31 @@ def test_a_price_is_what_the_limit_costs(limits, field):
     wider = dc.replace(problem, limits=dc.replace(problem.limits, **{field: 1.01 * limits[field]}), unit=None)
     gain = plan.score - plan_strike(wider, starts=2, near=[plan.place]).score
     assert price.gain == pytest.approx(gain, rel=0.15)
+
+
+def test_limits_that_are_reached_are_told_whether_they_cost_or_not(held, tmp_path):
+    """Of an impact that a limit holds, that limit is reached and the certificate judges it; where nothing is left, no
+    gradient says anything, of one impact or of all of a joint plan, and what is reached is listed all the same.
+    """
+    problem, plan = held
+    found = Plan(problem, PlanSettings(), add_up(problem, [plan], 0.01))
+    assert found.optimality == ("optimum",) and "arm's speed" in found.reached[0]
+    assert all(plan.values[name] < REACHED for name in found.reached[0] if name in plan.values)
+    free = dc.replace(plan, certificate=dc.replace(plan.certificate, binding={}, stationarity=1.0))
+    assert Plan(problem, PlanSettings(), add_up(problem, [free], 0.01)).optimality == ("no limit holds",)
+    assert list_reached(free) == found.reached[0]
+    # Two impacts that together leave nothing, at the limit of the speed: no multiplier, no certificate, no price.
+    last = dc.replace(free, score=1e-5)
+    joint = Joint("share", True, 2, 1e-5, 1.0, 9.0, (2, 0.1, 1.0, 9.0))
+    for aim, optimality in (("share", "nothing left"), ("impulse", "no limit holds")):
+        both = dc.replace(add_up(problem, [free, last], 0.01), joint=dc.replace(joint, aim=aim))
+        found = Plan(problem, PlanSettings(), both, rules=compare_rules(problem, plan))
+        assert found.optimality == (optimality,) * 2
+    write_plan(found, tmp_path)
+    result = json.loads((tmp_path / "plan.json").read_text(encoding="utf-8"))
+    assert all("arm's speed" in one["limits_reached"] for one in result["impacts"]) and result["prices"] == []
+    assert {one["certificate"]["finding"] for one in result["impacts"]} == {"no limit holds"}
+    assert "1.0e+00" not in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
 def test_without_friction_a_straight_blow_is_as_good():

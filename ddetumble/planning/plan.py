@@ -29,7 +29,7 @@ from .measured import (
     warn_of_extrapolation,
 )
 from .plausibility import check_scenario
-from .prices import Price, price_limits
+from .prices import Price, list_reached, price_limits
 from .problem import StrikeProblem
 from .robust import plan_robust_strike
 from .rules import Blow, compare_rules
@@ -45,7 +45,14 @@ AXIAL = 1e-3
 HOW_DRAWN = {"draws", "plan_for"}  # what of the errors is not their size
 LEAST_PRICE = 5e-4  # of the momentum, below which two plans leave the same: what the search itself leaves open
 USUAL_ERRORS = ErrorTable().model_dump(exclude=HOW_DRAWN)
+# Share of the gradient left over, from which a plan is not called an optimum: 2 %, above what differences of it err by.
+ROUGH = 0.02
+# Share of score or momentum before, below which nothing is left to gain, and no direction: a tenth of the least gain of
+# an impact.
+ENDED = 1e-3
 AFTERWARDS = 30.0  # s, of free motion drawn at either end, so that the motion before and after is seen
+
+Optimality = Literal["optimum", "not an optimum", "nothing left", "no limit holds"]
 
 
 @dc.dataclass(frozen=True)
@@ -128,6 +135,27 @@ class Plan(AbstractPrinted):
     def impacts(self) -> tuple[StrikePlan, ...]:
         """The impacts, in order."""
         return self.sequence.impacts
+
+    @property
+    def reached(self) -> tuple[tuple[str, ...], ...]:
+        """Names of the limits that each impact reaches, whether they cost anything or not."""
+        return tuple(list_reached(one) for one in self.impacts)
+
+    @property
+    def optimality(self) -> tuple[Optimality, ...]:
+        """What the certificate of each impact says. Of what leaves nothing, and of what no limit holds, it says
+        nothing: the gradient vanishes there, and the share of it that is left is one of rounding.
+        """
+        joint = self.sequence.joint if self.sequence.joint is not None and self.sequence.joint.taken else None
+        ended = [one.score <= ENDED * one.untouched for one in self.impacts]
+        held = [any(size > 0.0 for size in one.certificate.binding.values()) for one in self.impacts]
+        if joint is not None:  # one gradient of all impacts, of what was made small
+            ended = [ended[-1] and joint.aim in ("impacts", "share")] * len(ended)
+            held = [any(held)] * len(held)
+        return tuple(
+            "nothing left" if done else "no limit holds" if not bound else
+            "optimum" if one.certificate.stationarity <= ROUGH else "not an optimum"
+            for one, done, bound in zip(self.impacts, ended, held, strict=True))
 
     @property
     def drift(self) -> float:

@@ -1,5 +1,5 @@
-"""What limits cost: the multiplier of each that holds a plan, in words of the scenario; and, of no plan, which of them,
-loosened alone, would let an impact be worth its while.
+"""What limits cost: which of them a plan reaches, and the multiplier of each that holds it, in words of the scenario;
+and, of no plan, which of them, loosened alone, would let an impact be worth its while.
 
 For the second, closed forms say from which value on; a design there is refined on the integrated impact, which proves
 that this value does.
@@ -15,12 +15,15 @@ import numpy as np
 from .._numerics import scalar
 from .constraints import CONSTRAINTS
 from .multistart import Place, evolve_designs, find_bounds
-from .problem import Limits, StrikeProblem, allow_speed, score
+from .problem import VARIABLES, Limits, StrikeProblem, allow_speed, score
 from .single import ALLOWED, LEAST_GAIN, LOST, StrikePlan, Tally, ask_scipy, descend
 
 
 # By how much a limit is loosened to state its price: small against the limit, and a number that people can picture.
 PART, MILLIMETRE, DEGREE, SECOND = 0.01, 1e-3, math.radians(1.0), 1.0
+# Of a scaled constraint or of a variable's range, within which a limit counts as reached: 1 % of most limits, and 1 mm
+# of the distance from an edge, which nobody would call room. That a reached limit costs anything is another question.
+REACHED = 0.01
 STARTS, STEPS = 2, 80  # of designs that are refined for advice, and steps at most: cheaper than the plan's own search
 # Ratio of the limit under which they are refined to the one that closed forms see, which may err by that much.
 LOOSER = 1.5
@@ -81,6 +84,18 @@ def price_limits(limits: Limits, plan: StrikePlan) -> tuple[Price, ...]:
             found[key, change] = found.get((key, change), 0.0) + multiplier * allow(limits)
     return tuple(sorted((Price(key, change, gain) for (key, change), gain in found.items()),
                         key=lambda price: -price.gain))
+
+
+def list_reached(plan: StrikePlan) -> tuple[str, ...]:
+    """Names of the limits that an impact reaches, to within `REACHED`: constraints, and ends of the pressure and of the
+    window, from their values and not from the gradient, which vanishes where nothing is left to gain.
+    """
+    near = [name for name, value in plan.values.items() if value < REACHED]
+    for name in ("pressure", "instant"):
+        own = float(plan.x[VARIABLES.index(name)])
+        near += [f"{end} {name}" for end, sign in (("lowest", -1.0), ("highest", 1.0))
+                 if 1.0 - sign * own < 2 * REACHED]
+    return tuple(near)
 
 
 @dc.dataclass(frozen=True)

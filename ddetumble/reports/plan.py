@@ -3,6 +3,7 @@
 import dataclasses as dc
 import json
 import math
+from collections.abc import Iterable
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import numpy as np
 from scipy.spatial import HalfspaceIntersection
 
 from .._rotation import rotate_back
+from .._sentences import tell
 from ..dynamics.angles import measure_nutation
 from ..dynamics.free_motion import propagate_torque_free
 from ..dynamics.rigid import measure_momentum
@@ -22,7 +24,8 @@ from ..measurement.units import choose_time_unit
 from ..planning.errors import NAMES
 from ..planning.execution import Spread
 from ..planning.measured import Extrapolation, format_extrapolation, list_extrapolations
-from ..planning.plan import Plan, find_end
+from ..planning.plan import ENDED, ROUGH, Plan, find_end
+from ..planning.prices import REACHED
 from ..planning.problem import StrikeProblem, list_faces, measure_share
 from ..planning.sequence import Sequence
 from ..planning.single import StrikePlan
@@ -32,19 +35,7 @@ from .page import Section, Table, draw_picture, read_text, write_page
 
 SCHEMA = "ddetumble.plan-result/2"
 PLACES = 120  # times drawn between two impacts: a curve looks smooth, and a page stays small
-# Share of the gradient left over, from which a plan is not called an optimum: 2 %, above what differences of it err by.
-ROUGH = 0.02
 SHOWN = 0.02  # share of the momentum from which an arrow of what is left can be seen: below it is shorter than its head
-# Share of score or momentum before, below which nothing is left to gain, and no direction: a tenth of the least gain of
-# an impact.
-ENDED = 1e-3
-FOUNDED = {
-    "alone": "Each impact was optimised by itself from several starts, for the motion that the one before left; the "
-             "sequence as a whole is not proved to be the shortest. The gradient that the binding constraints do not "
-             "balance shows how close each is to a first-order optimum.",
-    "jointly": "The impacts were planned one after the other, and then optimised jointly, with the gradient through "
-               "all of them and the motion between. The gradient that the binding constraints do not balance shows "
-               "how close the whole is to a local first-order optimum; another sequence may be better still."}
 WORDS = {
     "best": "The impacts are planned for the best estimate.",
     "mean": "The impacts are planned for the mean over the draws, and every limit holds for the mean over its own "
@@ -58,11 +49,12 @@ OUTCOME = ("momentum left, mean [%]", "95 % of draws below [%]", "more than befo
 # Unit in which errors are shown, and its number in SI.
 UNITS = {"instant": ("s", 1.0), "place": ("mm", 1e3), "direction": ("°", 180.0 / np.pi), "speed": ("%", 100.0),
          "rates": ("%", 100.0), "attitude": ("°", 180.0 / np.pi), "inertia": ("%", 100.0), "centre": ("mm", 1e3)}
+INSTANTS = {"lowest instant": "earliest instant", "highest instant": "latest instant"}  # as readers say it
 COLOURS = {"impulse": "#d55e00", "momentum": "#0072b2", "after": "#009e73"}
 
 
-def _list_impact(number: int, instant: float, share: float, plan: StrikePlan, beyond: list[Extrapolation]
-                 ) -> dict[str, Any]:
+def _list_impact(number: int, instant: float, share: float, plan: StrikePlan, beyond: list[Extrapolation],
+                 reached: tuple[str, ...], finding: str) -> dict[str, Any]:
     """One impact as `plan.json` has it, SI."""
     design, collision, proof = plan.design, plan.collision, plan.certificate
     arrays = {
@@ -77,7 +69,8 @@ def _list_impact(number: int, instant: float, share: float, plan: StrikePlan, be
         "impact": number, "face": plan.face, "instant": instant,
         **{name: np.asarray(value).tolist() for name, value in arrays.items()},
         "share_left": share, "score": plan.score, "allowed": plan.allowed, "constraints": plan.values,
-        "certificate": {**dc.asdict(proof), "edge_margin": float(collision.margin)},
+        "limits_reached": reached,
+        "certificate": {**dc.asdict(proof), "finding": finding, "edge_margin": float(collision.margin)},
         "integrations": {"values": plan.tally.values, "gradients": plan.tally.slopes},
         "starts": [{"face": face, "score": score, "allowed": allowed} for face, score, allowed in plan.scores],
         "extrapolated": [{"value": one.value, **dc.asdict(one.measured)} for one in beyond],
@@ -167,8 +160,8 @@ def write_plan(plan: Plan, folder) -> Path:
     assessment, prospect, best = plan.assessment, plan.prospect, sequence.refused
     beyond = list_extrapolations(plan.ranges, sequence.impacts, problem.conditions)
     outside = [[one for one in beyond if one.impact == k] for k in range(1, len(sequence.impacts) + 1)]
-    impacts = [_list_impact(k, *one) for k, one in enumerate(
-        zip(sequence.instants, sequence.shares, sequence.impacts, outside, strict=True), 1)]
+    impacts = [_list_impact(k, *one) for k, one in enumerate(zip(
+        sequence.instants, sequence.shares, sequence.impacts, outside, plan.reached, plan.optimality, strict=True), 1)]
     for one in impacts if settings.chaser_mass else ():
         one["chaser_velocity"] = [-part / settings.chaser_mass for part in one["impulse"]]
     result = {
@@ -215,7 +208,8 @@ def write_plan(plan: Plan, folder) -> Path:
                  _join(one["point"]), _join(one["arm_velocity"]), f"{one['initial_pressure'] / 1e6:.3f}",
                  _show(one["peak_normal_force"], 1), _show(1e3 * one["peak_depression"], 2),
                  _show(1e3 * one["duration"], 1), f"{100 * one['share_left']:.3f}",
-                 ", ".join(one["certificate"]["binding"]) or "none"] for one in impacts]
+                 ", ".join(INSTANTS.get(name, name) for name in one["limits_reached"]) or "none"]
+                for one in impacts]
         tables.append(Table(
             ["impact", f"at [{unit}]", "face", "point, body [m]", "arm's velocity, inertial [m/s]", "pressure [MPa]",
              "peak force [N]", "depression [mm]", "contact [ms]", "momentum left [%]", "limits reached"], rows))
@@ -230,7 +224,7 @@ def write_plan(plan: Plan, folder) -> Path:
         sections.append(_show_outlook(assessment, settings.plan_for, prospect, settings.share))
         sentence += " " + (assessment.sentences[0] if prospect is None else prospect.sentence)
     if impacts:
-        sections.append(_show_proofs(sequence, impacts))
+        sections.append(_show_proofs(plan, impacts))
     page = write_page(plan.title or "Planned impacts", sentence, sections, folder, facts=_list_facts(plan))
     write_json(Path(folder) / "plan.json", result)
     return page
@@ -289,9 +283,18 @@ def _show_problem(plan: Plan) -> Section:
     return Section("What was asked", tables=[Table(["", "quantity", "value"], rows)])
 
 
+def _number_impacts(found: Iterable[Iterable[str]]) -> dict[str, list[int]]:
+    """Numbers of the impacts, from 1 on, by each of the names that they have."""
+    numbers: dict[str, list[int]] = {}
+    for k, names in enumerate(found, 1):
+        for name in names:
+            numbers.setdefault(INSTANTS.get(name, name), []).append(k)
+    return numbers
+
+
 def _show_alternatives(plan: Plan) -> Section:
     """What limits cost, and what simple rules make of the same place."""
-    tables, first = [], plan.sequence.impacts[0]
+    tables, first, joint = [], plan.sequence.impacts[0], plan.sequence.joint
     rows = [[str(k), price.key, price.change, f"{100 * price.gain:.2g}"]
             for k, prices in enumerate(plan.prices, 1) for price in prices if price.gain > CHEAP]
     if rows:
@@ -310,7 +313,10 @@ def _show_alternatives(plan: Plan) -> Section:
          "momentum left within limits [%]"], shown,
         "The first impact beside simple rules at the same place, instant and pressure: with the planned arm speed, and "
         "with the best that the limits allow. Against the velocity of the struck point is the paper's rule."))
-    return Section("What limits cost, and what simple rules would do", tables=tables)
+    told = tell("plan.costs", limits=_number_impacts(plan.reached), within=REACHED, priced=bool(rows),
+                joint=joint is not None and joint.taken, ended=plan.optimality[-1] == "nothing left",
+                count=len(plan.impacts))
+    return Section("What limits cost, and what simple rules would do", told, tables=tables)
 
 
 def _show_errors(plan: Plan) -> Section:
@@ -377,22 +383,16 @@ def _show_outlook(found: Assessment, plan_for: str, prospect: Prospect | None, s
                    tables=[table])
 
 
-def _show_proofs(sequence: Sequence, impacts: list[dict[str, Any]]) -> Section:
+def _show_proofs(plan: Plan, impacts: list[dict[str, Any]]) -> Section:
     """How nearly each impact is an optimum: which are none to first order, and of which the gradient says nothing."""
-    done = [k for k, plan in enumerate(sequence.impacts, 1) if plan.score <= ENDED * plan.untouched]
-    rough = [k for k, plan in enumerate(sequence.impacts, 1)
-             if plan.certificate.stationarity > ROUGH and k not in done]
-    told = [FOUNDED["jointly" if sequence.joint is not None and sequence.joint.taken else "alone"]]
-    if done:
-        told.append(f"Impact {', '.join(map(str, done))} leaves almost nothing: no further gain is possible, and a "
-                    "norm has no gradient at zero.")
-    if rough:
-        told.append(f"Impact {', '.join(map(str, rough))} is not a first-order optimum to {100 * ROUGH:g} % of the "
-                    "gradient.")
+    joint, found = plan.sequence.joint, _number_impacts([(finding,) for finding in plan.optimality])
+    told = tell("plan.optimality", jointly=joint is not None and joint.taken, found=found, rough=ROUGH)
     rows = []
     for one in impacts:
         proof, count = one["certificate"], one["integrations"]
-        rows.append([str(one["impact"]), f"{proof['stationarity']:.1e}", f"{proof['gradient_error']:.1e}",
+        judged = proof["finding"] in ("optimum", "not an optimum")
+        rows.append([str(one["impact"]), *(f"{proof[name]:.1e}" if judged else "–" for name in (
+            "stationarity", "gradient_error")),
                      _show(1e3 * proof["edge_margin"], 1), str(count["values"]), str(count["gradients"]),
                      ", ".join(f"{start['score']:.4f}" for start in one["starts"])])
     header = ("impact", "unbalanced gradient", "gradient against differences", "disc to edge [mm]", "integrations",
