@@ -317,6 +317,13 @@ def test_result_and_page_hold_them(tmp_path):
     assert len(result["rules"]) == 2 and result["errors"][-1]["error"] == "all"
     assert next(one["size"] for one in result["errors"] if one["error"] == "place") == 0.02
     assert result["doubts"] == []
+    # What strikes: the paper's ball, 60 mm, on the arm's mass, with the scenario's friction.
+    assert result["contact"]["fits"] == {} and result["contact"]["ball"] == "Ball"
+    told = {(one["of"], one["unit"]): one["value"] for one in result["contact"]["parameters"] if one["unit"]}
+    assert told["ball", "m"] == pytest.approx(0.06) and told["arm", "kg"] > 0.0
+    assert 0.218 in [pytest.approx(one["value"]) for one in result["contact"]["parameters"] if one["of"] == "friction"]
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8").replace("\u00a0", " ")
+    assert ">60 mm<" in page
 
 
 def test_a_body_far_too_light_for_its_size_is_asked_about(tmp_path):

@@ -99,6 +99,7 @@ class Plan(AbstractPrinted):
         laws: draws of the contact; None where nothing was said of its uncertainty.
         assessment: how sure the first impact is; None without draws, or without an impact.
         prospect: how sure all impacts together are; None with one impact.
+        fits: campaign of each fitted model that the contact is made from, by its folder; empty for the paper's ball.
         ranges: over which the contact was measured.
         misfits: fitted models of the contact that leave more than noise of their own campaigns.
         beyond: the impacts planned without having to stay within these; None where they need not.
@@ -127,6 +128,7 @@ class Plan(AbstractPrinted):
     doubts: tuple[Implausibility, ...] = ()
     title: str = ""
     source: str = ""
+    fits: Mapping[str, str] = dc.field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"<Plan of {len(self.impacts)} impacts>"
@@ -298,7 +300,8 @@ def _plan(problem: StrikeProblem, settings: PlanSettings, laws: Laws | None, con
         rules, spreads = compare_rules(problem, first), try_errors(problem, first, how.errors, how.seed)
         if len(found.impacts) > 1:
             after = follow_errors(problem, found.impacts, how.errors, how.seed)
-    return Plan(problem, how, found, laws, assessment, prospect, ranges, misfits, beyond, prices, rules, spreads, after)
+    return Plan(problem, how, found, laws, assessment, prospect, ranges, misfits, beyond, prices, rules, spreads, after,
+                fits={name: saved.campaign for name, saved in contacts.items()})
 
 
 def find_end(sequence: Sequence) -> float:

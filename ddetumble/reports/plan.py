@@ -14,6 +14,8 @@ from scipy.spatial import HalfspaceIntersection
 
 from .._rotation import rotate_back
 from .._sentences import tell
+from ..contact.effect import parameters_of, read_field
+from ..contact.gripping import Striker
 from ..dynamics.angles import measure_nutation
 from ..dynamics.free_motion import propagate_torque_free
 from ..dynamics.rigid import measure_momentum
@@ -27,6 +29,7 @@ from ..planning.measured import Extrapolation, format_extrapolation, list_extrap
 from ..planning.plan import ENDED, ROUGH, Plan, find_end
 from ..planning.prices import REACHED
 from ..planning.problem import StrikeProblem, list_faces, measure_share
+from ..planning.scenario import CLAMPED
 from ..planning.sequence import Sequence
 from ..planning.single import StrikePlan
 from ..planning.uncertainty import Assessment, Prospect
@@ -49,6 +52,10 @@ OUTCOME = ("momentum left, mean [%]", "95 % of draws below [%]", "more than befo
 # Unit in which errors are shown, and its number in SI.
 UNITS = {"instant": ("s", 1.0), "place": ("mm", 1e3), "direction": ("°", 180.0 / np.pi), "speed": ("%", 100.0),
          "rates": ("%", 100.0), "attitude": ("°", 180.0 / np.pi), "inertia": ("%", 100.0), "centre": ("mm", 1e3)}
+# Words of the rolling mass, which a mount that keeps the ball from turning makes `CLAMPED`.
+ROLLING = next(one.text for one in parameters_of(Striker) if one.name == "rolling_mass")
+# Whose parameters these are, which stand elsewhere in the law: the arm sets the mass, and creep is one of friction.
+OWNERS = {"effective_mass": "arm", "creep_speed": "friction"}
 INSTANTS = {"lowest instant": "earliest instant", "highest instant": "latest instant"}  # as readers say it
 COLOURS = {"impulse": "#d55e00", "momentum": "#0072b2", "after": "#009e73"}
 
@@ -180,6 +187,10 @@ def write_plan(plan: Plan, folder) -> Path:
             "estimate": best.estimate, "missed": best.missed,
             "share_left": measure_share(problem, best.collision.angular_velocity),
             "constraints": best.values},
+        "contact": {"fits": plan.fits, "ball": type(problem.law.reference.ball).__name__,
+                    "friction": type(problem.law.reference.friction).__name__,
+                    "parameters": [dict(zip(("of", "text", "value", "unit"), one, strict=True))
+                                   for one in _list_contact(plan)]},
         "measured": plan.ranges, "misfits": plan.misfits, "doubts": plan.doubts, "within": settings.within or None,
         "share_left_beyond": None if plan.beyond is None else plan.beyond.left,
         "uncertainty": None if assessment is None else {
@@ -247,6 +258,39 @@ def _list_facts(plan: Plan) -> list[tuple[str, str, str]]:
     return [*facts, ("impulse", f"{found.impulse:.4g} N s", f"of {count} impact{'s' * (count > 1)}")]
 
 
+def _list_contact(plan: Plan) -> list[tuple[str, str, float, str]]:
+    """Parameters of the contact law that strikes: what has it, its words, its value and unit; an effect at its null,
+    as of a rival model, is left out.
+    """
+    law, striker = plan.problem.law, plan.problem.law.reference
+    found = []
+    for part, model in (("ball", striker.ball), ("friction", striker.friction), ("arm", striker),
+                        *((effect.id, effect) for effect in law.effects)):
+        own = [one for one in parameters_of(model) if model is not striker or "." not in one.field]
+        values = [float(one.transform.publish(read_field(model, one.field))) for one in own]
+        amplitudes = [value for one, value in zip(own, values, strict=True) if one.kind == "amplitude"]
+        if not amplitudes or any(amplitudes):
+            # The mass of a fitted ball is that of what it is mounted on; an effect's parameter needs its name, too.
+            found += [(OWNERS.get(one.name, part), one.text if one.kind == "reference" and one.text else
+                       f"{one.name} ({one.text})", value, one.unit) for one, value in zip(own, values, strict=True)]
+    return found
+
+
+def _list_ball(plan: Plan) -> list[list[str]]:
+    """Rows on the ball, its friction and its arm."""
+    striker = plan.problem.law.reference
+    source = " and ".join(f"{name}, fitted to the campaign {campaign}" for name, campaign in plan.fits.items())
+    rows = [["ball", "contact model", f"{type(striker.ball).__name__}; {f'from {source}' if source else 'from no fit'}"],
+            ["friction", "friction model", type(striker.friction).__name__]]
+    for part, words, value, unit in _list_contact(plan):
+        if words == ROLLING and value >= CLAMPED:
+            rows.append([part, "mount", "keeps the ball from turning"])
+        else:
+            shown = f"{1e3 * value:.4g} mm" if unit == "m" else f"{value:.4g} {unit}".rstrip()
+            rows.append([part, words, shown])
+    return sorted(rows, key=lambda row: ({"ball": 0, "friction": 1, "arm": 3}.get(row[0], 2)))
+
+
 def _show_problem(plan: Plan) -> Section:
     """What is struck, what is allowed and what is wanted, as they were given."""
     problem, limits, goal = plan.problem, plan.problem.limits, plan.problem.goal
@@ -267,6 +311,7 @@ def _show_problem(plan: Plan) -> Section:
         ["debris", "angular velocity, body", f"({_join(rates)}) rad/s, {_show(np.degrees(turn), 2)} °/s in all"],
         ["debris", "angular momentum", f"{float(np.linalg.norm(inertia @ rates)):.4g} N m s"],
         ["debris", "rotational energy", f"{0.5 * float(rates @ inertia @ rates):.4g} J"],
+        *_list_ball(plan),
         ["allowed", "faces", allowed + area],
         ["allowed", "arm's speed", f"up to {float(limits.speed):.3g} m/s"],
         ["allowed", "approach speed", f"from {float(limits.approach):.3g} m/s"],
