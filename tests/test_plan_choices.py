@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import json
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -23,7 +24,7 @@ from ddetumble.planning.plan import Plan, PlanSettings
 from ddetumble.planning.prices import REACHED, list_reached, price_limits
 from ddetumble.planning.problem import Goal, Limits, StrikeProblem, drift, score
 from ddetumble.planning.rules import compare_rules
-from ddetumble.planning.scenario import pose_problem
+from ddetumble.planning.scenario import pose_laws, pose_problem
 from ddetumble.planning.scenario_file import ErrorTable, read_scenario
 from ddetumble.planning.sequence import Joint, add_up
 from ddetumble.planning.single import compute_impact, compute_slopes, plan_strike
@@ -115,6 +116,24 @@ def test_units_in_texts(tmp_path):
     np.testing.assert_allclose(units.debris.inertia, plain.debris.inertia, rtol=1e-12)
     for name in ("force", "depression", "pressure", "speed"):
         np.testing.assert_allclose(getattr(units.limits, name), getattr(plain.limits, name), rtol=1e-12)
+
+
+def test_a_ball_of_another_size(tmp_path):
+    """Its diameter is the scenario's; a radius is pointed there, and a fit states its own."""
+    small = '[limits]\ndepression = "10 mm"\n[ball]\nouter_diameter = "30 mm"\n'
+    ball = read(tmp_path, SCENARIO + small).law.reference.ball
+    assert float(ball.diameter()) == pytest.approx(0.03)
+    assert float(read(tmp_path, SCENARIO).law.reference.ball.diameter()) == pytest.approx(0.06)
+    fit = (Path(__file__).resolve().parent.parent / "fits" / "impact-b").as_posix()
+    for table, key, way in (('radius = "30 mm"', "ball", "outer_diameter"),
+                            ('outer_diameter = "30 mm"', None, "depression"),
+                            (f'outer_diameter = 0.03\nmodel = "{fit}"', "ball", "--known"),
+                            (f'outer_diameter = 0.06\n[uncertainty]\nfit = "{fit}"', "ball.outer_diameter", "--known")):
+        with pytest.raises(dd.InputError, match=way) as refused:
+            path = tmp_path / "other.toml"
+            path.write_text(SCENARIO + f"[ball]\n{table}\n")
+            pose_laws(read_scenario(path), tmp_path)
+        assert refused.value.key == key
 
 
 def test_a_face_and_an_area_to_strike(tmp_path):

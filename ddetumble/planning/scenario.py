@@ -25,7 +25,7 @@ from ..inference.archive import load
 from ..inference.models import is_fitted
 from .draws import Laws, draw_laws, find_models, vary_law
 from .problem import Goal, Limits, StrikeProblem
-from .scenario_file import BallTable, DebrisTable, Scenario, check_faces
+from .scenario_file import OF_A_FIT, BallTable, DebrisTable, Scenario, check_faces
 
 
 # Kg, rolling mass of a ball that its mount keeps from turning: 1e9 times a ball's own, so that it stays still.
@@ -74,7 +74,7 @@ def mount_law(scenario: Scenario, fitted: ContactLaw | StrikeLaw | None, rubbed:
         InputError: The contact model has no mass that the arm could set, or an effect reads what is not given.
     """
     ball, arm = scenario.ball, scenario.arm
-    normal: Any = ContactLaw(Ball(restitution=scalar(ball.restitution)))
+    normal: Any = ContactLaw(Ball(restitution=scalar(ball.restitution), outer_diameter=scalar(ball.outer_diameter)))
     friction: Any = FrictionLaw(CoulombFriction(scalar(ball.friction)))
     own: tuple[Any, ...] = ()
     striker: Striker | None = None
@@ -142,6 +142,8 @@ def pose_laws(scenario: Scenario, here: Path) -> Laws | None:
     family = models[0][1].space.family
     if not (family.has_contact or family.has_strokes):
         raise InputError("the fit must be one of impacts or of slip records", key="uncertainty.fit")
+    if not family.has_strokes and "outer_diameter" in ball.model_fields_set:
+        raise InputError(OF_A_FIT, key="ball.outer_diameter")
     own = "friction_model" if family.has_strokes else "model"
     taken = getattr(ball, own)
     if taken and (here / taken).resolve() != folder.resolve():

@@ -23,6 +23,10 @@ SCHEMA = "ddetumble.plan/1"
 # Faces of the bodies that are no mesh, as their surfaces name them.
 FACES = {"cylinder": ("side", "upper end", "lower end"), "box": ("+x", "+y", "+z", "-x", "-y", "-z"),
          "sphere": ("sphere",)}
+# Why no diameter is taken beside a fit.
+OF_A_FIT = ("the ball of a fit has the outer diameter that its campaign states (import --known "
+            "'outer_diameter=60 mm'); leave outer_diameter out")
+DEEPEST = 0.5  # of the diameter, that a limit of the depression may be: up to there the contact geometry is meant
 
 Number = StrictFloat | StrictInt
 Positive = Annotated[Number, Field(gt=0)]
@@ -109,6 +113,9 @@ class BallTable(Strict):
     model: StrictStr = Field(
         default="", description="folder of a fit to impacts, or to oblique impacts (with its friction); "
         "'' for the paper's ball.")
+    outer_diameter: Length = Field(
+        default=0.06, description="outer diameter of the ball before deformation [m]; 60 mm is the paper's ball. The "
+        "ball of a fit has what its campaign states (`import --known 'outer_diameter=60 mm'`).")
     friction_model: StrictStr = Field(
         default="", description="folder of a fit to slip records, by `--model eq8` or `coulomb` "
         "(Eq. 10 grows without limit at the loads of an impact).")
@@ -119,6 +126,21 @@ class BallTable(Strict):
     conditions: dict[StrictStr, Number] = Field(
         default={}, description="further conditions that the model's effects read, by name, SI: `sequence`, the number "
         "of the impact on this ball.")
+
+    @pydantic.model_validator(mode="before")
+    @classmethod
+    def _point_the_way(cls, table):
+        sizes = sorted({"diameter", "radius", "size"} & set(table)) if isinstance(table, dict) else []
+        if sizes:
+            raise ValueError(f"{sizes[0]} is not a key here; state the ball's size by outer_diameter, such as "
+                             "outer_diameter = \"60 mm\"")
+        return table
+
+    @pydantic.model_validator(mode="after")
+    def _check(self):
+        if self.model and "outer_diameter" in self.model_fields_set:
+            raise ValueError(OF_A_FIT)
+        return self
 
 
 class ArmTable(Strict):
@@ -298,6 +320,10 @@ class Scenario(Strict):
         if len(wanted) > 1:
             raise ValueError("uncertainty.plan_for and errors.plan_for must be the same if both are the mean or the "
                              "tail")
+        size = self.ball.outer_diameter
+        if "outer_diameter" in self.ball.model_fields_set and self.limits.depression > DEEPEST * size:
+            raise ValueError(f"limits.depression is {1e3 * self.limits.depression:g} mm, more than half the diameter "
+                             f"of a ball of {1e3 * size:g} mm; state a smaller one")
         return self
 
 

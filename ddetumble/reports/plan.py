@@ -280,7 +280,7 @@ def _list_ball(plan: Plan) -> list[list[str]]:
     """Rows on the ball, its friction and its arm."""
     striker = plan.problem.law.reference
     source = " and ".join(f"{name}, fitted to the campaign {campaign}" for name, campaign in plan.fits.items())
-    rows = [["ball", "contact model", f"{type(striker.ball).__name__}; {f'from {source}' if source else 'from no fit'}"],
+    rows = [["ball", "contact model", f"{type(striker.ball).__name__}, from {source or 'no fit'}"],
             ["friction", "friction model", type(striker.friction).__name__]]
     for part, words, value, unit in _list_contact(plan):
         if words == ROLLING and value >= CLAMPED:
