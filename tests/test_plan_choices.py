@@ -263,6 +263,27 @@ def test_a_blow_at_any_phase_may_speed_the_body_up():
     assert f"{100 * one.q95:.1f} %" in told and f"{100 * one.raised:.0f} %" in told
 
 
+def test_what_waiting_costs_is_told_with_its_key(held):
+    """The rates' error turns a body that waits: where that is what errors cost and exceeds the attitude's own, the
+    window is named; a sequence that ends by what is planned, and might go on, names the share.
+    """
+    problem, plan = held
+    none = dict.fromkeys(ErrorTable().model_dump(exclude={"draws", "plan_for"}), 0.0)
+    late = dc.replace(plan, score=0.0)
+    sequence = dc.replace(add_up(problem, [late], 0.01), shares=(0.005,), reached=True, instants=(50.0,))
+    told = {}
+    for name, sizes in (("rates", none | {"rates": 0.02}), ("place", none | {"place": 0.02})):
+        one = try_errors(problem, plan, ErrorTable(draws=8, **sizes))[-1]
+        spreads = (dc.replace(one, error=name, mean=0.2), dc.replace(one, mean=0.2))
+        for most in (1, 4):
+            found = Plan(problem, PlanSettings(most, errors=ErrorTable(draws=8, **sizes)), sequence, spreads=spreads)
+            told[name, most] = found.sentence
+        speed = float(np.linalg.norm(problem.angular_velocity))
+        assert found.turned == pytest.approx(sizes["rates"] * speed * 50.0)
+    assert {key: "limits.window" in text for key, text in told.items()} == {key: key[0] == "rates" for key in told}
+    assert {key: "goal.share" in text for key, text in told.items()} == {key: key[1] == 4 for key in told}
+
+
 def test_an_erring_impact_has_slopes(held):
     """No error is the planned impact itself; with one, derivatives by the design agree with central differences."""
     problem, plan = held

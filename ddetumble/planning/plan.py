@@ -172,17 +172,29 @@ class Plan(AbstractPrinted):
         erring, stated = self.erring, self.settings.errors.model_dump(exclude=HOW_DRAWN) != USUAL_ERRORS
         # One error is named where it alone adds more than half of what all add to the only impact.
         least = math.inf if self.after or erring is None else 0.5 * (erring.mean - found.left)
-        most = [NAMES[one.error] for one in self.spreads[:-1] if one.mean - found.left > least > 0.0]
+        most = [one.error for one in self.spreads[:-1] if one.mean - found.left > least > 0.0]
+        sizes = self.settings.errors.sizes()
         told = [
-            say("plan.headline", found=found, share=share, worth=worth, erring=erring, stated=stated),
+            say("plan.headline", found=found, share=share, worth=worth, erring=erring, stated=stated,
+                more=len(found.impacts) < self.settings.impacts),
             say("plan.misfits", misfits=self.misfits) if self.misfits else "", *self.doubts,
             say("plan.outcome", found=found, share=share, worth=worth, erring=erring, raised=RAISED,
-                most=most[0] if len(most) == 1 else "", beyond=self.beyond,
+                most=NAMES[most[0]] if len(most) == 1 else "", beyond=self.beyond,
+                plain=self.settings.errors.plan_for == "best",
+                turned=math.degrees(self.turned) if most == ["rates"] and self.turned > sizes["attitude"] else 0.0,
                 last=format_time(found.instants[-1], find_end(found)) if found.instants else "",
                 relaxed=[(one, _round_loosely(one.needed, one.needed > one.given)) for one in found.relaxations],
                 axial=axial, sphere=axial and len(self.problem.debris.surface.find_pivots()) == 3, cheap=LEAST_PRICE),
             warn_of_extrapolation(self.ranges, self.impacts, self.problem.conditions)]
         return " ".join(str(one) for one in told if one)
+
+    @property
+    def turned(self) -> float:
+        """Angle by which the error of the angular velocity turns the body until the first impact [rad], its standard
+        deviation; nothing without an impact.
+        """
+        speed = float(np.linalg.norm(self.problem.angular_velocity))
+        return self.settings.errors.sizes()["rates"] * speed * self.sequence.instants[0] if self.impacts else 0.0
 
     @property
     def erring(self) -> Spread | None:

@@ -305,6 +305,7 @@ def _show_problem(plan: Plan) -> Section:
         (goal.momentum, "momentum left"), (goal.energy, "rotational energy left"), (goal.nutation, "nutation over 90°"))
         if float(weight)] if goal.own is None else [f"{goal.own.__name__} of the motion after the impact"]
     low, high = (f"{float(one) / 1e6:.3g}" for one in limits.pressure)
+    since = "time 0" + (", and after the end of the impact before" if plan.settings.impacts > 1 else "")
     rows = [
         ["debris", "mass", f"{float(debris.mass):.4g} kg"],
         ["debris", "principal moments of inertia", f"{', '.join(f'{one:.4g}' for one in moments)} kg m²"],
@@ -319,7 +320,7 @@ def _show_problem(plan: Plan) -> Section:
         ["allowed", "depression", f"up to {1e3 * float(limits.depression):.3g} mm"],
         ["allowed", "pressure", f"{low} to {high} MPa"],
         ["allowed", "distance from edges", f"from {1e3 * float(limits.edge):.3g} mm"],
-        ["allowed", "first touch", f"{float(limits.window[0]):.4g} to {float(limits.window[1]):.4g} s after the last"],
+        ["allowed", "first touch", f"{float(limits.window[0]):.4g} to {float(limits.window[1]):.4g} s after {since}"],
         ["allowed", "side", f"outward normal within {np.degrees(float(limits.cone)):.3g}° of the chaser"],
         ["wanted", "to be small", " + ".join(wanted)],
         ["wanted", "momentum left", f"{100 * plan.settings.share:g} %, in at most {plan.settings.impacts} "
@@ -372,13 +373,12 @@ def _show_errors(plan: Plan) -> Section:
         unit, scale = UNITS.get(one.error, ("", 1.0))
         size = "" if one.error == "all" else f"{scale * one.size:.3g} {unit}"
         rows.append([NAMES.get(one.error, "all together"), size, *_list_outcome(one)])
-    told = [f"The first impact leaves {100 * own:.2f} % if all goes as planned. Each error below is drawn "
-            f"{plan.settings.errors.draws} times with its standard deviation ([errors] in the scenario); a ball that "
-            "misses, or meets an edge, leaves all of the momentum.",
-            *([] if plan.settings.errors.plan_for == "best" else [WORDS[plan.settings.errors.plan_for]])]
-    if plan.settings.chaser_mass:
-        recoil = float(np.linalg.norm(plan.sequence.impacts[0].collision.impulse)) / plan.settings.chaser_mass
-        told.append(f"A chaser of {plan.settings.chaser_mass:g} kg recoils with {1e3 * recoil:.3g} mm/s.")
+    impulses = np.array([one.collision.impulse for one in plan.impacts])
+    outliers = [NAMES.get(one.error, "all together") for one in plan.spreads if one.mean > one.q95]
+    told = tell("plan.errors", left=own, draws=plan.settings.errors.draws,
+                planned=WORDS[plan.settings.errors.plan_for] if plan.settings.errors.plan_for != "best" else "",
+                chaser=plan.settings.chaser_mass, count=len(impulses), outliers=outliers,
+                recoil=1e3 * np.linalg.norm(impulses[0]), recoils=1e3 * np.linalg.norm(impulses.sum(axis=0)))
     tables = [Table(["error of", "standard deviation", *OUTCOME], rows, "The first impact.")]
     if plan.after:
         tables.append(Table(
