@@ -442,7 +442,7 @@ def test_page_and_result_of_a_plan(tmp_path, capsys):
     file = tmp_path / "case.toml"
     file.write_text(text.replace('title = "', 'title = "<b>&'), encoding="utf-8")
     assert main(["plan", str(file), "-o", str(tmp_path / "out")]) == 0
-    capsys.readouterr()
+    assert str(tmp_path / "out" / "report.html") in capsys.readouterr().out.splitlines()[-1]
     result = json.loads((tmp_path / "out" / "plan.json").read_text(encoding="utf-8"))
     (impact,) = result["impacts"]
     before = np.array([24.768, -41.789, 54.263])

@@ -114,6 +114,6 @@ def plan_impacts(
 
         found = plan_scenario(asked, file.parent, file, progress=report)
         report("writing the report")
-        write_plan(found, out.draft)
+        page = out.path / write_plan(found, out.draft).name
     typer.echo(str(found))
-    typer.echo(f"Written to {out.path}")
+    typer.echo(f"Report: {page}")

@@ -8,6 +8,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import jax.numpy as jnp
 import markupsafe
 import numpy as np
 from scipy.spatial import HalfspaceIntersection
@@ -57,7 +58,8 @@ ROLLING = next(one.text for one in parameters_of(Striker) if one.name == "rollin
 # Whose parameters these are, which stand elsewhere in the law: the arm sets the mass, and creep is one of friction.
 OWNERS = {"effective_mass": "arm", "creep_speed": "friction"}
 INSTANTS = {"lowest instant": "earliest instant", "highest instant": "latest instant"}  # as readers say it
-COLOURS = {"impulse": "#d55e00", "momentum": "#0072b2", "after": "#009e73"}
+NAMED = 8  # faces of which the view shows names: more would cover it
+COLOURS = {"axes": "#66727f", "impulse": "#d55e00", "momentum": "#0072b2", "after": "#009e73"}
 
 
 def _list_impact(number: int, instant: float, share: float, plan: StrikePlan, beyond: list[Extrapolation],
@@ -128,6 +130,16 @@ def _trace_edges(surface: AbstractSurface) -> list[list[list[float]]]:
     return [np.asarray(line).round(4).tolist() for line in lines]
 
 
+def _place_names(surface: AbstractSurface) -> list[dict[str, Any]]:
+    """Names of the faces, each at a place of its own beside the axes, body components from the centre of mass; none of
+    more than `NAMED`.
+    """
+    names = surface.face_names()
+    return [] if not 1 < len(names) <= NAMED else [
+        {"name": name, "at": np.asarray(surface.place(jnp.asarray(k), jnp.full(2, 0.5))).round(4).tolist()}
+        for k, name in enumerate(names)]
+
+
 def _make_view(problem: StrikeProblem, sequence: Sequence) -> markupsafe.Markup:
     """The body with points, impulses and angular momentum before and after, in the body frame, to be turned by hand."""
     reach = float(problem.debris.surface.reach())
@@ -144,12 +156,15 @@ def _make_view(problem: StrikeProblem, sequence: Sequence) -> markupsafe.Markup:
         left = np.asarray(problem.debris.inertia @ sequence.impacts[-1].collision.angular_velocity)
         if np.linalg.norm(left) > SHOWN * size:
             add(np.zeros(3), 1.3 * reach * left / size, "after", "after", at="head")
+    for axis, name in zip(np.eye(3), "xyz", strict=True):
+        add(np.zeros(3), 0.45 * reach * axis, "axes", name, at="head")
     pushes = [np.asarray(rotate_back(plan.design.attitude, plan.collision.impulse)) for plan in sequence.impacts]
     largest = max(map(np.linalg.norm, pushes), default=1.0)
     for number, (plan, push) in enumerate(zip(sequence.impacts, pushes, strict=True), 1):
         head = np.asarray(plan.design.point)
         add(head - 0.5 * reach * push / largest, head, "impulse", str(number))
-    data = json.dumps({"lines": _trace_edges(problem.debris.surface), "arrows": arrows, "reach": 1.3 * reach})
+    data = json.dumps({"lines": _trace_edges(problem.debris.surface),
+                       "faces": _place_names(problem.debris.surface), "arrows": arrows, "reach": 1.3 * reach})
     return markupsafe.Markup(
         '<canvas id="turning" tabindex="0" role="img" style="display:block;width:100%;touch-action:pan-y;cursor:grab" '
         'aria-label="The body with its impacts; drag or use the arrow keys to turn it"></canvas>'
@@ -202,9 +217,9 @@ def write_plan(plan: Plan, folder) -> Path:
     figures = [draw_picture("motion", "Angular momentum (inertial components) and nutation angle; dotted: the impacts."
                             f"{rest}", draw_motion, *followed, sequence.instants)]
     sections = [_show_problem(plan), Section("Where to strike", [
-        _make_view(problem, sequence), "The body in its own frame. Blue: the angular momentum before; green: after "
-        "the last impact, to the same scale, if enough is left. Orange: the impulse of each impact, with its head at "
-        "the point of contact. Drag to turn."])]
+        _make_view(problem, sequence), "The body in its own frame, with its axes x, y, z and the names of its faces. "
+        "Blue: the angular momentum before; green: after the last impact, to the same scale, if enough is left. "
+        "Orange: the impulse of each impact, with its head at the point of contact. Drag to turn."])]
     tables, sentence = [], plan.sentence
     if impacts:
         chosen = sorted({0, len(impacts) // 2, len(impacts) - 1})
@@ -280,7 +295,7 @@ def _list_ball(plan: Plan) -> list[list[str]]:
     """Rows on the ball, its friction and its arm."""
     striker = plan.problem.law.reference
     source = " and ".join(f"{name}, fitted to the campaign {campaign}" for name, campaign in plan.fits.items())
-    rows = [["ball", "contact model", f"{type(striker.ball).__name__}, from {source or 'no fit'}"],
+    rows = [["ball", "contact model", type(striker.ball).__name__ + (f", from {source}" if source else " (of no fit)")],
             ["friction", "friction model", type(striker.friction).__name__]]
     for part, words, value, unit in _list_contact(plan):
         if words == ROLLING and value >= CLAMPED:
@@ -431,7 +446,8 @@ def _show_outlook(found: Assessment, plan_for: str, prospect: Prospect | None, s
 def _show_proofs(plan: Plan, impacts: list[dict[str, Any]]) -> Section:
     """How nearly each impact is an optimum: which are none to first order, and of which the gradient says nothing."""
     joint, found = plan.sequence.joint, _number_impacts([(finding,) for finding in plan.optimality])
-    told = tell("plan.optimality", jointly=joint is not None and joint.taken, found=found, rough=ROUGH)
+    told = tell("plan.optimality", jointly=joint is not None and joint.taken, count=len(impacts), found=found,
+                rough=ROUGH)
     rows = []
     for one in impacts:
         proof, count = one["certificate"], one["integrations"]

@@ -45,10 +45,18 @@
     pen.lineWidth = 4; pen.strokeStyle = "#fff"; pen.strokeText(label, x, y);
     pen.fillStyle = colour; pen.fillText(label, x, y);
   }
+  function face(at, label) { // fainter on the far side
+    const p = project(at);
+    pen.globalAlpha = p[2] < 0 ? 0.35 : 0.9; pen.fillStyle = "#66727f"; pen.textAlign = "center";
+    pen.lineWidth = 4; pen.strokeStyle = "#fff"; pen.strokeText(label, p[0], p[1] + 5);
+    pen.fillText(label, p[0], p[1] + 5);
+    pen.textAlign = "start"; pen.globalAlpha = 1.0;
+  }
   function draw() {
     pen.clearRect(0, 0, wide, high);
     pen.font = "14px sans-serif"; pen.lineJoin = "round";
     labels = [];
+    for (const one of data.faces) face(one.at, one.name);
     for (const one of data.lines) line(one, "#66727f", 1.4);
     for (const one of data.arrows) arrow(one.tail, one.head, one.colour);
     for (const one of data.arrows) name(one.tail, one.head, one.colour, one.label, one.at);
