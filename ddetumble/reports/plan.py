@@ -57,7 +57,6 @@ UNITS = {"instant": ("s", 1.0), "place": ("mm", 1e3), "direction": ("°", 180.0 
 ROLLING = next(one.text for one in parameters_of(Striker) if one.name == "rolling_mass")
 # Whose parameters these are, which stand elsewhere in the law: the arm sets the mass, and creep is one of friction.
 OWNERS = {"effective_mass": "arm", "creep_speed": "friction"}
-INSTANTS = {"lowest instant": "earliest instant", "highest instant": "latest instant"}  # as readers say it
 NAMED = 8  # faces of which the view shows names: more would cover it
 COLOURS = {"axes": "#66727f", "impulse": "#d55e00", "momentum": "#0072b2", "after": "#009e73"}
 
@@ -234,8 +233,7 @@ def write_plan(plan: Plan, folder) -> Path:
                  _join(one["point"]), _join(one["arm_velocity"]), f"{one['initial_pressure'] / 1e6:.3f}",
                  _show(one["peak_normal_force"], 1), _show(1e3 * one["peak_depression"], 2),
                  _show(1e3 * one["duration"], 1), f"{100 * one['share_left']:.3f}",
-                 ", ".join(INSTANTS.get(name, name) for name in one["limits_reached"]) or "none"]
-                for one in impacts]
+                 ", ".join(map(_say_limit, one["limits_reached"])) or "none"] for one in impacts]
         tables.append(Table(
             ["impact", f"at [{unit}]", "face", "point, body [m]", "arm's velocity, inertial [m/s]", "pressure [MPa]",
              "peak force [N]", "depression [mm]", "contact [ms]", "momentum left [%]", "limits reached"], rows))
@@ -344,12 +342,17 @@ def _show_problem(plan: Plan) -> Section:
     return Section("What was asked", tables=[Table(["", "quantity", "value"], rows)])
 
 
+def _say_limit(name: str) -> str:
+    """The name of a limit as readers say it: an instant is early or late."""
+    return name.replace("lowest instant", "earliest instant").replace("highest instant", "latest instant")
+
+
 def _number_impacts(found: Iterable[Iterable[str]]) -> dict[str, list[int]]:
     """Numbers of the impacts, from 1 on, by each of the names that they have."""
     numbers: dict[str, list[int]] = {}
     for k, names in enumerate(found, 1):
         for name in names:
-            numbers.setdefault(INSTANTS.get(name, name), []).append(k)
+            numbers.setdefault(_say_limit(name), []).append(k)
     return numbers
 
 
@@ -447,7 +450,7 @@ def _show_proofs(plan: Plan, impacts: list[dict[str, Any]]) -> Section:
     """How nearly each impact is an optimum: which are none to first order, and of which the gradient says nothing."""
     joint, found = plan.sequence.joint, _number_impacts([(finding,) for finding in plan.optimality])
     told = tell("plan.optimality", jointly=joint is not None and joint.taken, count=len(impacts), found=found,
-                rough=ROUGH)
+                rough=ROUGH, compared=any(len(one.scores) > 1 for one in plan.impacts))
     rows = []
     for one in impacts:
         proof, count = one["certificate"], one["integrations"]
