@@ -265,7 +265,7 @@ def test_a_blow_at_any_phase_may_speed_the_body_up():
 
 def test_what_waiting_costs_is_told_with_its_key(held):
     """The rates' error turns a body that waits: where that is what errors cost and exceeds the attitude's own, the
-    window is named; a sequence that ends by what is planned, and might go on, names the share.
+    window is named; a sequence that ends by what is planned, and might go on, names the share, unless nothing is left.
     """
     problem, plan = held
     none = dict.fromkeys(ErrorTable().model_dump(exclude={"draws", "plan_for"}), 0.0)
@@ -282,6 +282,7 @@ def test_what_waiting_costs_is_told_with_its_key(held):
         assert found.turned == pytest.approx(sizes["rates"] * speed * 50.0)
     assert {key: "limits.window" in text for key, text in told.items()} == {key: key[0] == "rates" for key in told}
     assert {key: "goal.share" in text for key, text in told.items()} == {key: key[1] == 4 for key in told}
+    assert "goal.share" not in dc.replace(found, sequence=dc.replace(sequence, shares=(1e-5,))).sentence
 
 
 def test_an_erring_impact_has_slopes(held):

@@ -176,7 +176,7 @@ class Plan(AbstractPrinted):
         sizes = self.settings.errors.sizes()
         told = [
             say("plan.headline", found=found, share=share, worth=worth, erring=erring, stated=stated,
-                more=len(found.impacts) < self.settings.impacts),
+                more=len(found.impacts) < self.settings.impacts, ended=ENDED),
             say("plan.misfits", misfits=self.misfits) if self.misfits else "", *self.doubts,
             say("plan.outcome", found=found, share=share, worth=worth, erring=erring, raised=RAISED,
                 most=NAMES[most[0]] if len(most) == 1 else "", beyond=self.beyond,
