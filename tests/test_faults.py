@@ -20,6 +20,8 @@ from ddetumble.inference.noise_estimation import estimate_from_pairs, estimate_n
 from ddetumble.measurement.campaign import Campaign, Column, Uncertainty
 from ddetumble.measurement.faults import find_runs, find_spikes, find_truncated, screen_samples
 from ddetumble.measurement.package import read_campaign
+from ddetumble.selection.ambient import shift_pressures
+from ddetumble.selection.data_errors import AMBIENT
 from ddetumble.selection.discover import discover
 from ddetumble.selection.missing.missing_force import draw_missing_force
 from ddetumble.selection.outliers import begin_cleaning
@@ -516,6 +518,39 @@ def test_fit_says_and_the_missing_force_leaves_out(clean, tmp_path):
     kept = draw_missing_force(folder, catalogue=False, keep_all=True)
     # What is kept goes into the noise, too, so that chi-square grows by less than the spikes themselves.
     assert kept.reference > drawn.reference + 5.0 * np.sqrt(2.0 * drawn.reference)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("family, hidden", [("impact", "grown"), ("slip", "clean")])
+def test_two_records_with_the_settings_of_each_other_are_left_out(request, family, hidden):
+    """Neither stands out by itself; without both, what is missing is found as ever."""
+    campaign = read_campaign(request.getfixturevalue(hidden)[family])
+    settings = [name for name in campaign.records.columns if name != "sequence"]
+    records = campaign.records.copy()
+    order = np.argsort(records[settings[0]].to_numpy(), kind="stable")
+    pair = [campaign.record_keys[order[1]], campaign.record_keys[order[-2]]]
+    records.loc[pair, settings] = campaign.records.loc[pair[::-1], settings].to_numpy()
+    found = discover(dc.replace(campaign, records=records))
+    (fault,) = [one for one in found.faults if one.left_out]
+    assert (fault.kind, set(fault.records)) == ("setting", set(pair))
+    assert found.effects == (() if hidden == "clean" else tuple(EFFECT[family]))
+    assert found.verdict == ("nothing-missing" if hidden == "clean" else "explained")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hidden", ["clean", "grown"])
+def test_gauge_pressures_taken_for_absolute_ones_are_asked_about(request, hidden):
+    """An atmosphere too little in every record looks like physics; nothing is named before that is settled."""
+    campaign = read_campaign(request.getfixturevalue(hidden)["impact"])
+    low = dc.replace(campaign, records=campaign.records.assign(
+        initial_pressure=campaign.records["initial_pressure"] - AMBIENT))
+    restored, gauge = shift_pressures(low)
+    assert gauge and np.allclose(restored.records["initial_pressure"], campaign.records["initial_pressure"])
+    found = discover(low)
+    assert found.verdict == "undecided" and found.effects == () and len(found.doubts) == 1
+    # Those that the file gave as gauge pressures have had the atmosphere added already.
+    columns = low.conditions | {"initial_pressure": dc.replace(low.conditions["initial_pressure"], gauge=True)}
+    assert shift_pressures(dc.replace(campaign, conditions=columns))[1] is False
 
 
 @pytest.mark.slow

@@ -1,6 +1,6 @@
 r"""Where searches of an impact start: thousands of designs by closed forms, bettered by differential evolution."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -67,12 +67,16 @@ class Generation(NamedTuple):
 
     def pick(self, count: int) -> list[Place]:
         """The best designs that are on other faces or far enough from each other, the best first."""
-        chosen: list[Place] = []
-        for k in np.argsort(self.worth, kind="stable"):
-            face, x = int(self.faces[k]), self.x[k]
-            if len(chosen) < count and all(face != other or np.linalg.norm(x - y) > APART for other, y in chosen):
-                chosen.append((face, x))
-        return chosen
+        return pick_apart(((int(self.faces[k]), self.x[k]) for k in np.argsort(self.worth, kind="stable")), count)
+
+
+def pick_apart(places: Iterable[Place], count: int) -> list[Place]:
+    """So many at most of the designs that are on other faces or far enough from those before them."""
+    chosen: list[Place] = []
+    for face, x in places:
+        if len(chosen) < count and all(face != other or np.linalg.norm(x - y) > APART for other, y in chosen):
+            chosen.append((face, x))
+    return chosen
 
 
 def rank_scores(found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -180,6 +180,7 @@ class Plan(AbstractPrinted):
             say("plan.misfits", misfits=self.misfits) if self.misfits else "", *self.doubts,
             say("plan.outcome", found=found, share=share, worth=worth, erring=erring, raised=RAISED,
                 most=NAMES[most[0]] if len(most) == 1 else "", beyond=self.beyond,
+                confined=self.confined, aim=self.aim,
                 plain=self.settings.errors.plan_for == "best",
                 turned=math.degrees(self.turned) if most == ["rates"] and self.turned > sizes["attitude"] else 0.0,
                 last=format_time(found.instants[-1], find_end(found)) if found.instants else "",
@@ -187,6 +188,25 @@ class Plan(AbstractPrinted):
                 axial=axial, sphere=axial and len(self.problem.debris.surface.find_pivots()) == 3, cheap=LEAST_PRICE),
             warn_of_extrapolation(self.ranges, self.impacts, self.problem.conditions)]
         return " ".join(str(one) for one in told if one)
+
+    @property
+    def aim(self) -> str:
+        """What the impacts are planned for: `best`, the `mean` over the draws, or their worst, the `tail`."""
+        return self.settings.errors.plan_for if self.laws is None or self.settings.plan_for == "best" else (
+            self.settings.plan_for)
+
+    @property
+    def confined(self) -> tuple[float, float] | None:
+        """What is left by the plan, and by the one that may go beyond what was measured: of the momentum, or of what
+        the first impact is planned for (its mean over the draws, or over the worst) where that is not the best
+        estimate; None where there is no second plan, or no impact.
+        """
+        if self.beyond is None or not (self.impacts and self.beyond.impacts):
+            return None
+        if self.aim == "best":
+            return self.sequence.left, self.beyond.left
+        inside, outside = (one.impacts[0].score / one.impacts[0].untouched for one in (self.sequence, self.beyond))
+        return inside, outside
 
     @property
     def turned(self) -> float:
@@ -290,7 +310,8 @@ def _plan(problem: StrikeProblem, settings: PlanSettings, laws: Laws | None, con
     if aim != "best":
         count = how.errors.draws if own is None else len(own.shares())
         errors = draw_errors(how.errors.sizes(), count, how.seed) if how.errors.plan_for != "best" else []
-        revise = partial(plan_robust_strike, laws=own, errors=errors, aim=aim, tail=how.tail)
+        revise = partial(plan_robust_strike, laws=own, errors=errors, aim=aim, tail=how.tail,
+                         seed=how.seed)
     search = partial(plan_together, share=how.share, most=how.impacts, aim=how.least, starts=how.starts, seed=how.seed,
                      revise=revise, progress=progress)
     wide, problem = (problem, confine(problem, ranges)) if how.within else (None, problem)

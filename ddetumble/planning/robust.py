@@ -9,7 +9,7 @@ $\mathrm{CVaR}_\alpha = \max_q \sum q_i s_i$ over $0 \le q_i \le w_i/\alpha$, $\
 The draws stay the same throughout, so that plans differ by what they do and not by chance.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Literal
 
 import equinox as eqx
@@ -20,7 +20,7 @@ from jaxtyping import Array
 
 from .draws import Laws
 from .errors import err
-from .multistart import find_bounds
+from .multistart import PENALTY, Place, find_bounds, find_starts
 from .problem import StrikeProblem
 from .single import (
     LOST,
@@ -39,10 +39,13 @@ from .uncertainty import pose_draws
 
 Aim = Literal["mean", "tail"]
 Errors = Sequence[Mapping[str, Array]]
+Values = Callable[[np.ndarray], np.ndarray]
 WIDTH = 1e-4  # smoothing of the tail of what is wanted [-]: larger biases the tail, smaller is too sharp for a descent
 NARROW = 1e-5  # and of the constraints, finer, as a limit is not to be passed by the smoothing
 KEPT = 3e-4  # by which the tail mean of a scaled constraint may be missed: what the smoothing itself leaves
 HALVINGS = 60  # of an interval: enough for all digits of a double
+# Designs that the draws are tried on, and of these, the best, from which a descent begins: it takes seconds.
+LOOKED_AT, BEGUN = 32, 3
 STEPS = 30  # of a descent at most: it starts at the plan for the best estimate, which is near
 
 
@@ -84,11 +87,12 @@ class RobustProblem:
     own under `vmap`, which integrates all as long as the longest.
     """
 
-    def __init__(self, problem: StrikeProblem, face: int, laws: Laws | None, errors: Errors, aim: Aim, tail: float):
+    def __init__(self, problem: StrikeProblem, face: int, laws: Laws | None, errors: Errors, aim: Aim, tail: float,
+                 tally: Tally | None = None):
         problems = [problem] * len(errors) if laws is None else pose_draws(problem, laws.draws)
         self.draws = list(zip(problems, errors or [None] * len(problems), strict=True))
         self.weights = np.full(len(problems), 1.0 / len(problems)) if laws is None else laws.shares()
-        self.face, self.tally, self.shares = face, Tally(), (tail if aim == "tail" else 1.0, tail)
+        self.face, self.tally, self.shares = face, tally or Tally(), (tail if aim == "tail" else 1.0, tail)
 
     def evaluate(self, x: np.ndarray) -> np.ndarray:
         """What is wanted small and all constraints of every draw, shape (draws, 1 + constraints)."""
@@ -121,9 +125,9 @@ class RobustProblem:
 
 
 def plan_robust_strike(problem: StrikeProblem, plan: StrikePlan, laws: Laws | None, *, errors: Errors = (),
-                       aim: Aim = "tail", tail: float = 0.1) -> StrikePlan:
-    """Change a plan for the best estimate into one, on the same face, for all draws of the contact law, of errors of
-    arm and body, or of both.
+                       aim: Aim = "tail", tail: float = 0.1, seed: int = 0) -> StrikePlan:
+    """Change a plan for the best estimate, or one of the designs that are allowed beside it, into one for all draws of
+    the contact law, of errors of arm and body, or of both.
 
     Args:
         problem: what is given, allowed and wanted; its own law is the best estimate.
@@ -131,28 +135,44 @@ def plan_robust_strike(problem: StrikeProblem, plan: StrikePlan, laws: Laws | No
         laws: that may be true; None where the contact is known.
         errors: of `draw_errors`; none, or one for every law.
         aim: whether the mean over the draws or that of their worst share is made small.
+        seed: of the places where the search starts beside the plan.
         tail: that share; every constraint has to hold in the mean of its own worst share of the draws.
 
     Returns:
         A plan whose `score` is what was made small, whose `values` are the tail means of the constraints and whose
         certificate is that of this problem; `design` and `collision` are those under the best estimate.
     """
-    face, first = plan.place
-    robust, bounds = RobustProblem(problem, face, laws, errors, aim, tail), find_bounds(problem, face)
-    values, slopes = remember(robust.values), remember(robust.slopes)
+    tally, posed = Tally(), {}
 
-    def order(x):
-        value = values(x)
+    def pose(face: int) -> tuple[RobustProblem, Values, Values]:
+        """The problem on one face, its values and its slopes."""
+        if face not in posed:
+            robust = RobustProblem(problem, face, laws, errors, aim, tail, tally)
+            posed[face] = robust, remember(robust.values), remember(robust.slopes)
+        return posed[face]
+
+    def order(place: Place) -> tuple[bool, float]:
+        value = pose(place[0])[1](place[1])
         short = float(value[1:].min())
         return (short < -KEPT, -short if short < -KEPT else float(value[0]))
 
-    starts = [np.asarray(first)]
+    def penalise(place: Place) -> float:
+        value = pose(place[0])[1](place[1])
+        return float(value[0] + PENALTY * np.sum(np.maximum(-value[1:], 0.0)))
+
+    begun = [plan.place]
     if errors:  # from an edge, whatever the ball misses tells a descent nothing
-        starts.append(refine(_step_back(problem, plan, errors), face, first, robust.tally)[0])
-    x = min([*(descend(values, slopes, one, bounds, STEPS) for one in starts), *starts], key=order)
+        face, first = plan.place
+        begun.append((face, refine(_step_back(problem, plan, errors), face, first, tally)[0]))
+    # Where little is left without errors, many designs are alike, and the draws tell which of them is the best.
+    others = [*plan.others, *find_starts(problem, LOOKED_AT, seed=seed)[0]]
+    begun += sorted(others, key=penalise)[:BEGUN]
+    ends = [(face, descend(*pose(face)[1:], x, find_bounds(problem, face), STEPS)) for face, x in begun]
+    face, x = min([*ends, *begun], key=order)
+    robust, values, slopes = pose(face)
     value = values(x)
-    [certificate] = certify(robust.wanted, value, slopes(x), bounds, x)
-    return make_plan(problem, face, x, certificate, robust.tally, value, KEPT)
+    [certificate] = certify(robust.wanted, value, slopes(x), find_bounds(problem, face), x)
+    return make_plan(problem, face, x, certificate, tally, value, KEPT)
 
 
 def _step_back(problem: StrikeProblem, plan: StrikePlan, errors: Errors) -> StrikeProblem:

@@ -15,7 +15,7 @@ from scipy.optimize import minimize, nnls
 from .._errors import ComputationError
 from ..dynamics.collision import Collision
 from .constraints import CONSTRAINTS, evaluate, evaluate_slopes, judge
-from .multistart import Place, estimate_score, find_bounds, find_starts
+from .multistart import Place, estimate_score, find_bounds, find_starts, pick_apart
 from .problem import VARIABLES, Design, StrikeProblem, read_design, score, strike_debris
 
 
@@ -72,6 +72,7 @@ class StrikePlan:
         certificate: see there.
         tally: integrations that it took, certificate left out.
         scores: of all starts, where they ended and whether that was allowed.
+        others: faces and variables where other starts ended allowed, apart from the plan and from each other.
     """
 
     face: str
@@ -86,6 +87,7 @@ class StrikePlan:
     certificate: Certificate
     tally: Tally
     scores: tuple[tuple[str, float, bool], ...]
+    others: tuple[Place, ...] = ()
 
     @property
     def place(self) -> Place:
@@ -235,8 +237,10 @@ def plan_strike(problem: StrikeProblem, *, starts: int = STARTS, seed: int = 0, 
     value, slopes = (np.asarray(one) for one in evaluate_slopes(problem, jnp.asarray(face), jnp.asarray(x)))
     [certificate] = certify(lambda z: float(evaluate(problem, jnp.asarray(face), jnp.asarray(z))[0]), value, slopes,
                             find_bounds(problem, face), x)
-    return make_plan(problem, face, x, certificate, tally, values, estimate=estimate,
+    plan = make_plan(problem, face, x, certificate, tally, values, estimate=estimate,
                      scores=tuple((names[end[2]], end[1], end[0]) for end in ends))
+    others = pick_apart([(end[2], end[3]) for end in ends if end[0]], len(ends))
+    return dc.replace(plan, others=tuple(others[1:]))
 
 
 def make_plan(problem: StrikeProblem, face: int, x: np.ndarray, certificate: Certificate, tally: Tally,

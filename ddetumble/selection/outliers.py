@@ -18,6 +18,7 @@ from ..measurement.faults import Fault, find_blind, screen_samples
 from ..measurement.quantities import join_words
 from .cross_validation import leave_out
 from .data_errors import Diagnosis, diagnose, find_moving_zeros, find_rate_units, tell_zero
+from .exchanges import find_exchange, tell_exchange
 from .lack_of_fit import score_directions
 from .leave_record_out import Aside, mask_records, measure_record, set_aside, settle
 from .problem import Fitted, SelectionProblem
@@ -211,12 +212,13 @@ def clean_records(state: Cleaned, selection: SelectionProblem, fitted: Fitted, f
         final: whether it is what the search ended with, rather than the reference model.
         search: a model that leaves nothing smooth of another campaign, if any, where none was found of this one.
     """
-    suspects = find_suspects(selection, fitted)
+    pair = find_exchange(selection, fitted)
+    suspects = [] if pair else find_suspects(selection, fitted)
     sure = [s for s in suspects if s.sure]
-    culprit = find_culprit(selection, fitted, search) if search is not None and not sure else None
+    culprit = find_culprit(selection, fitted, search) if search is not None and not (sure or pair) else None
     if culprit is not None and culprit.sure:
         sure = [culprit]
-    zero = None if sure else find_moving_zeros(selection, fitted.solution, final)
+    zero = None if sure or pair else find_moving_zeros(selection, fitted.solution, final)
     doubtful = [culprit] if culprit is not None and not (sure or zero) else []
     for suspect in suspects if not zero else []:
         if suspect.key in {one.key for one in doubtful}:
@@ -228,11 +230,12 @@ def clean_records(state: Cleaned, selection: SelectionProblem, fitted: Fitted, f
             doubtful += [suspect] if selection.calibrate(scores) >= selection.settings.level_each else []
     new = [tell_fault(s, state.keep_all) for s in (*sure, *doubtful)]
     new += [tell_zero(selection, zero, state.keep_all)] if zero else []
+    new += [tell_exchange(pair, state.keep_all)] if pair else []
     known = {_identify(f) for f in state.faults}
     faults = (*state.faults, *(f for f in new if _identify(f) not in known))
-    if state.keep_all or not (sure or zero):
+    if state.keep_all or not (sure or pair or zero):
         return dc.replace(state, faults=faults), False
-    gone = {s.key for s in sure if s.diagnosis.samples is None}
+    gone = {s.key for s in sure if s.diagnosis.samples is None} | set(pair or ())
     kept = [key for key in state.campaign.record_keys if key not in gone]
     campaign = _drop_samples(state.campaign, selection, [s for s in sure if s.key not in gone]).select(kept)
     # What was in doubt only beside the culprits is looked at again without them.

@@ -28,6 +28,10 @@ class OutlierSettings:
     # many times what one of as many records would take.
     removed: float = 0.5
     carried: float = 3.0
+    # Share by which a setting of two records differs before these may be exchanged: scatter of settings that lie nearer
+    # makes some pair fit better exchanged.
+    apart: float = 0.1
+    exchanged: float = 0.2  # share of their own misfit that two records keep at most with the settings of each other
     fits: float = 1e-3  # p-value above which a record fits with a data error corrected
     small: float = 1.0  # the same as an excess: below one noise variance no plot shows it
     wide: float = 6.0  # standard deviations of a sample that is off by itself
