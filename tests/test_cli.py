@@ -220,7 +220,7 @@ angular_velocity = [0.06, 0.0, 0.0]
 """)
     assert main(["plan", str(tmp_path / "case.toml"), "-o", str(tmp_path / "plan"), *words]) == 0
     said = capsys.readouterr()
-    assert "Written to" in said.out and ("planning impact 1" in said.err) == (not words)
+    assert "Report: " in said.out and ("planning impact 1" in said.err) == (not words)
     assert len(said.err.splitlines()) <= 12 if not words else said.err == ""
 
 

@@ -20,7 +20,7 @@ from ddetumble.inference.noise_estimation import estimate_from_pairs, estimate_n
 from ddetumble.measurement.campaign import Campaign, Column, Uncertainty
 from ddetumble.measurement.faults import find_runs, find_spikes, find_truncated, screen_samples
 from ddetumble.measurement.package import read_campaign
-from ddetumble.selection.ambient import shift_pressures
+from ddetumble.selection.ambient import add_atmosphere
 from ddetumble.selection.data_errors import AMBIENT
 from ddetumble.selection.discover import discover
 from ddetumble.selection.missing.missing_force import draw_missing_force
@@ -544,13 +544,13 @@ def test_gauge_pressures_taken_for_absolute_ones_are_asked_about(request, hidden
     campaign = read_campaign(request.getfixturevalue(hidden)["impact"])
     low = dc.replace(campaign, records=campaign.records.assign(
         initial_pressure=campaign.records["initial_pressure"] - AMBIENT))
-    restored, gauge = shift_pressures(low)
-    assert gauge and np.allclose(restored.records["initial_pressure"], campaign.records["initial_pressure"])
+    restored = add_atmosphere(low)
+    assert np.allclose(restored.records["initial_pressure"], campaign.records["initial_pressure"])
     found = discover(low)
     assert found.verdict == "undecided" and found.effects == () and len(found.doubts) == 1
-    # Those that the file gave as gauge pressures have had the atmosphere added already.
+    # Those that the file gave as gauge pressures have had it added already.
     columns = low.conditions | {"initial_pressure": dc.replace(low.conditions["initial_pressure"], gauge=True)}
-    assert shift_pressures(dc.replace(campaign, conditions=columns))[1] is False
+    assert add_atmosphere(dc.replace(campaign, conditions=columns)) is None
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Pressures that count from another zero in all records: gauge pressures taken for absolute ones, or the reverse.
+"""Gauge pressures that were taken for absolute ones in all records.
 
 No record stands out then, and no order of magnitude is odd; but what an atmosphere more or less makes of the force
 looks like physics.
@@ -15,55 +15,49 @@ from .problem import Fitted, SelectionProblem
 from .settings import SelectionSettings
 
 
-@dc.dataclass(frozen=True)
-class OtherZero:
-    """Pressures from another zero, with which a campaign needs less physics than as it is written down."""
+def add_atmosphere(campaign: Campaign) -> Campaign | None:
+    """The campaign with an atmosphere added to all its pressures, conditions and channels; None where it has none, or
+    the file gave gauge pressures, to which the ambient pressure was added.
 
-    gauge: bool  # whether those written down are gauge pressures; else the atmosphere was added to absolute ones
-    effects: tuple[str, ...]  # that are missing beside it
-
-
-def shift_pressures(campaign: Campaign) -> tuple[Campaign, bool] | None:
-    """The campaign with all its pressures, conditions and channels, counted from the other zero, and whether that makes
-    gauge pressures of those written down; None where it has none, or one would not stay above nought.
+    Absolute pressures to which it was added by mistake are not looked for: as far as forces go, that is the effect of
+    the ambient pressure, which the catalogue holds.
     """
     columns = {**campaign.conditions, **campaign.channels}
     named = [name for name in columns if name.endswith("pressure")]
-    if not named:
+    if not named or any(columns[name].gauge for name in named):
         return None
-    gauge = not any(columns[name].gauge for name in named)
-    change, records, samples = AMBIENT if gauge else -AMBIENT, campaign.records.copy(), campaign.samples
+    records, samples = campaign.records.copy(), campaign.samples
     for name in named:
         if name in campaign.conditions:
-            records[name] += change
+            records[name] += AMBIENT
         elif samples is not None:
-            samples = samples.assign(**{name: samples[name] + change})
-    if any(records[name].min() <= 0.0 for name in named if name in campaign.conditions):
-        return None
-    return dc.replace(campaign, records=records, samples=samples), gauge
+            samples = samples.assign(**{name: samples[name] + AMBIENT})
+    return dc.replace(campaign, records=records, samples=samples)
 
 
-def find_other_zero(campaign: Campaign, path: Path, begin: Callable[[Campaign], tuple[SelectionProblem, Fitted]],
-                    settings: SelectionSettings) -> OtherZero | None:
-    """The other zero of all pressures, where with it a campaign is explained by less than as it is written down.
+def find_gauge_pressures(campaign: Campaign, path: Path, begin: Callable[[Campaign], tuple[SelectionProblem, Fitted]],
+                         settings: SelectionSettings) -> tuple[str, ...] | None:
+    """Effects that are missing if the pressures of a campaign are gauge pressures, where it is explained by less then
+    than as it is written down; None where it is not.
 
-    As written the reference model leaves a misfit. From the other zero it leaves none by itself, and predicts left-out
-    conditions better than all effects that were found do; or, where what was found leaves a misfit or is not physical,
-    it leaves none with effects that predict far better.
+    As written the reference model leaves a misfit. With the atmosphere added it leaves none by itself, and predicts
+    left-out conditions better than all effects that were found do; or, where what was found leaves a misfit or is not
+    physical, it leaves none with one effect that predicts far better. Of kinds of test in which the gas bears no load
+    a pressure says too little.
     """
-    shifted, last = shift_pressures(campaign), path.steps[-1].fitted
-    if shifted is None or not path.steps[0].lack.rejected or not path.selection.holds_out:
+    other, last = add_atmosphere(campaign), path.steps[-1].fitted
+    asked = path.steps[0].lack.rejected and path.selection.holds_out and path.selection.family.has_contact
+    if other is None or not asked:
         return None
-    other, gauge = shifted
     try:
         selection, reference = begin(other)
     except ComputationError:
         return None
     if not selection.test_lack_of_fit(reference)[0].rejected:
-        return OtherZero(gauge, ()) if reference.merit < last.merit else None
+        return () if reference.merit < last.merit else None
     if path.is_explained():
         return None
     again = select_effects(selection, reference)
     found = again.steps[-1].fitted
-    decided = again.is_explained() and found.merit < last.merit - settings.decisive
-    return OtherZero(gauge, found.effects) if decided else None
+    better = again.is_explained() and found.merit < last.merit - settings.decisive
+    return found.effects if better and len(found.effects) == 1 else None
