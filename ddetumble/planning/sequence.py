@@ -368,39 +368,36 @@ def plan_together(problem: StrikeProblem, share: float, most: int, *, aim: Aim =
     The aim `impacts` tries to do with one impact less, again and again; `impulse` brings the sum of all impulses down;
     `time` the instant of the last separation, from sequences with long and with short waits. Where the share is not
     reached in `most` impacts, that many are changed together for the least momentum left, whether or not that reaches
-    it, and the search is repeated from other starts. Where nothing better is
-    found, the sequence is that of `plan_sequence`.
+    it, and the search is repeated from other starts. Where nothing better is found, the sequence is that of
+    `plan_sequence`.
     """
     tell = progress or (lambda text, done: None)
 
-    def change(sequence: Sequence, wanted: str, told: str) -> Sequence:
-        """All impacts together; `joint` says what was aimed at, beside what those of `found` came to."""
+    def change(sequence: Sequence, wanted: str, told: str, alone: Sequence) -> Sequence:
+        """All impacts together; `joint` says what was aimed at, beside what those planned one after the other do."""
         tell(f"planning {len(sequence.impacts)} impacts together", math.nan)
         again = refine_sequence(problem, sequence, share, wanted)
         assert again.joint is not None
-        return dc.replace(again, joint=dc.replace(again.joint, aim=told, alone=found.outcome))
+        return dc.replace(again, joint=dc.replace(again.joint, aim=told, alone=alone.outcome))
 
-    def complete(sequence: Sequence) -> Sequence:
-        """Where it misses the share with all impacts that there may be, these are changed together."""
-        nonlocal found
-        found = sequence
-        if sequence.reached or not max(most, 2) <= len(sequence.impacts) <= TOGETHER:
-            return sequence
-        again = change(sequence, "share", "share")
+    def search(seed: int) -> Sequence:
+        """One after the other; those that miss the share with all that there may be are changed together."""
+        alone = plan_sequence(problem, share, most, starts=starts, seed=seed, revise=revise, progress=progress)
+        if alone.reached or revise is not None or not max(most, 2) <= len(alone.impacts) <= TOGETHER:
+            return alone
+        again = change(alone, "share", "share", alone)
         assert again.joint is not None
-        return again if again.joint.taken and sequence.left - again.left > SLACK * sequence.left else sequence
+        return again if again.joint.taken and alone.left - again.left > SLACK * alone.left else alone
 
-    found = plan_sequence(problem, share, most, starts=starts, seed=seed, revise=revise, progress=progress)
-    if revise is not None:
-        return found
-    best = complete(found)
-    for turn in range(1, FURTHER + 1 if len(found.impacts) <= TOGETHER else 1):
+    best = search(seed)
+    again_from = [seed + TURN * turn for turn in range(1, FURTHER + 1)]
+    for other in again_from if revise is None and 0 < len(best.impacts) <= TOGETHER else []:
         if best.reached:
             break
         tell("searching from other starts", math.nan)
-        again = complete(plan_sequence(problem, share, most, starts=starts, seed=seed + TURN * turn, progress=progress))
+        again = search(other)
         best = again if again.reached or again.left < best.left else best
-    if not best.reached or best.joint is not None:
+    if revise is not None or not best.reached or best.joint is not None:
         return best
 
     found = best
@@ -408,7 +405,7 @@ def plan_together(problem: StrikeProblem, share: float, most: int, *, aim: Aim =
         while len(best.impacts) > max(best.bound, 1):
             # Without the last, the momentum that it took is brought down by the others, as long as that works.
             again = change(dc.replace(best, impacts=best.impacts[:-1], instants=best.instants[:-1],
-                                      shares=best.shares[:-1]), "share", aim)
+                                      shares=best.shares[:-1]), "share", aim, found)
             if not again.reached:
                 assert again.joint is not None
                 return dc.replace(found, joint=dc.replace(again.joint, taken=False)) if best is found else best
@@ -428,7 +425,7 @@ def plan_together(problem: StrikeProblem, share: float, most: int, *, aim: Aim =
                        for plan in other.impacts]
             begun.append(dc.replace(other, impacts=tuple(widened)))
     for one in begun:
-        again = change(one, aim, aim)
+        again = change(one, aim, aim, found)
         better = again.impulse < best.impulse if aim == "impulse" else again.duration < best.duration
         best = again if again.reached and better else best
     return best
