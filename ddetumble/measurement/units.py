@@ -187,7 +187,8 @@ def convert_text(text: str, unit: str) -> float:
     number, rest = _split_number(text, "this")
     wanted, own = parse_unit(unit), parse_unit(rest or "1")
     if own.dimension != wanted.dimension:
-        raise InputError(f"{text!r} is no quantity in {unit}")
+        without = "" if rest else ": a number between quotation marks needs a unit"
+        raise InputError(f"{text!r} is no quantity in {unit}{without}")
     if unit == "rad/s" and re.search("Hz|hertz", rest):
         raise InputError(f"{text!r} leaves open whether it counts turns; write rad/s, deg/s or rpm")
     value = float(own.convert(number))

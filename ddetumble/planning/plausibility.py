@@ -46,7 +46,7 @@ def check_scenario(scenario: Scenario, here: Path) -> tuple[Implausibility, ...]
     if table.angular_velocity is not None:
         rate = float(np.linalg.norm(np.asarray(table.angular_velocity, dtype=float)))
         found.append(_doubt("debris.angular_velocity", "the angular velocity", rate, RATE, "rad/s",
-                            "numbers without a unit are in rad/s; write \"25 deg/s\" if that is meant"))
+                            "numbers without a unit are in rad/s; write \"25 deg/s\" if that is meant."))
     for pressure in scenario.limits.pressure:
         found.append(_doubt("limits.pressure", "an initial pressure", float(pressure), RANGES["initial_pressure"],
                             "Pa", "is that absolute, and in Pa?"))
