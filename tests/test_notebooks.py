@@ -60,7 +60,7 @@ def test_notebook_runs(path, tmp_path, kernel):
     stored = collect(nbformat.read(path, as_version=4))[1]
     _, pictures = collect(run_notebook(nbformat.read(path, as_version=4), work, kernel))
     assert len(pictures) == len(stored) and list(work.iterdir()) == []
-    assert all(min(matplotlib.image.imread(io.BytesIO(base64.b64decode(one))).shape[:2]) > 100 for one in pictures)
+    assert all(min(matplotlib.image.imread(io.BytesIO(base64.b64decode(one))).shape[:2]) > 150 for one in pictures)
 
 
 # Facts of the variables that the cells left in the kernel, as JSON behind a character that nothing else prints.

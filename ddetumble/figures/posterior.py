@@ -252,7 +252,7 @@ def draw_left_out(scores: Sequence[Scores], names: Sequence[str] = ()):
     varying = vary(one.conditions for one in first.scores)
     labels = [describe_conditions(one.conditions, varying) or clean(", ".join(one.records), 20)
               for one in first.scores]
-    figure = new_figure(0.9 + 0.235 * len(labels))
+    figure = new_figure(1.2 + 0.235 * len(labels))
     axes = dress_rows(figure.add_subplot(), labels, fontsize=8.5 if len(labels) <= 24 else 7)
     drawn, label = [(one.values, one, shade) for one, shade in zip(scores, SHADES, strict=False)], ""
     if len(scores) > 1:

@@ -37,8 +37,8 @@ def add_atmosphere(campaign: Campaign) -> Campaign | None:
 
 def find_gauge_pressures(campaign: Campaign, path: Path, begin: Callable[[Campaign], tuple[SelectionProblem, Fitted]],
                          settings: SelectionSettings) -> tuple[str, ...] | None:
-    """Effects that are missing if the pressures of a campaign are gauge pressures, where it is explained by less then
-    than as it is written down; None where it is not.
+    """Ids of the effects that are missing if the pressures of a campaign [Pa] are gauge pressures; None where that is
+    no better explanation than what was found of it as it is written down.
 
     As written the reference model leaves a misfit. With the atmosphere added it leaves none by itself, and predicts
     left-out conditions better than all effects that were found do; or, where what was found leaves a misfit or is not
