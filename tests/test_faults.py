@@ -20,11 +20,11 @@ from ddetumble.inference.noise_estimation import estimate_from_pairs, estimate_n
 from ddetumble.measurement.campaign import Campaign, Column, Uncertainty
 from ddetumble.measurement.faults import find_runs, find_spikes, find_truncated, screen_samples
 from ddetumble.measurement.package import read_campaign
-from ddetumble.selection.ambient import add_atmosphere
 from ddetumble.selection.data_errors import AMBIENT
 from ddetumble.selection.discover import discover
 from ddetumble.selection.missing.missing_force import draw_missing_force
 from ddetumble.selection.outliers import begin_cleaning
+from ddetumble.selection.restatements import Restatement, add_atmosphere
 from tests.independent import faults
 
 
@@ -551,6 +551,29 @@ def test_gauge_pressures_taken_for_absolute_ones_are_asked_about(request, hidden
     # Those that the file gave as gauge pressures have had it added already.
     columns = low.conditions | {"initial_pressure": dc.replace(low.conditions["initial_pressure"], gauge=True)}
     assert add_atmosphere(dc.replace(campaign, conditions=columns)) is None
+
+
+def test_restatements_of_a_campaign(request):
+    """Pressures with the atmosphere, all known diameters doubled and halved; nothing of what is fitted."""
+    campaign = read_campaign(request.getfixturevalue("clean")["impact"])
+    known = campaign.known | {"outer_diameter": 0.03, "inner_diameter": 0.02}
+    raised, doubled, halved = Restatement.list_all(dc.replace(campaign, known=known))
+    assert np.allclose(raised.campaign.records["initial_pressure"] - campaign.records["initial_pressure"], AMBIENT)
+    for one, factor in ((doubled, 2.0), (halved, 0.5)):
+        assert one.campaign.known == known | {"outer_diameter": 0.03 * factor, "inner_diameter": 0.02 * factor}
+    free = dc.replace(campaign, known=dict.fromkeys(known))
+    assert len(Restatement.list_all(free)) == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hidden", ["clean", "grown"])
+def test_a_radius_given_for_a_diameter_is_asked_about(request, hidden):
+    """Half a diameter looks like physics; no effect is named before that is settled."""
+    campaign = read_campaign(request.getfixturevalue(hidden)["impact"])
+    half = {**campaign.known, "outer_diameter": campaign.known["outer_diameter"] / 2.0}
+    found = discover(dc.replace(campaign, known=half))
+    assert found.verdict == "undecided" and found.effects == ()
+    assert f"outer_diameter={1e3 * campaign.known['outer_diameter']:.6g} mm" in found.doubts[0]
 
 
 @pytest.mark.slow

@@ -21,7 +21,6 @@ from ..inference.models import ResolvedModel
 from ..measurement.campaign import Campaign, count_conditions
 from ..measurement.plausibility import check_plausibility
 from ..measurement.units import Uncertainty
-from .ambient import find_gauge_pressures
 from .bias import SettingBias, find_bias, matches_effects, stand_in
 from .describe import describe_candidates, describe_noise, describe_spread, describe_step, list_loose, make_fit
 from .discovery import Discovery
@@ -39,6 +38,7 @@ from .localise import fit_directions, locate
 from .missing.missing_force import describe_missing
 from .outliers import Cleaned, begin_cleaning, clean_records
 from .problem import Fitted, SelectionProblem, Zeros, fit_reference, pose_selection
+from .restatements import find_restatement
 from .result import OPEN, MissingForce, Place, Rounding
 from .rounding import find_rounding
 from .series import make_traces, nrmse
@@ -88,10 +88,12 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     # A wrong unit that would explain what is odd about the campaign is asked about before any physics is named.
     questions = tuple(str(one) for one in check_plausibility(state.campaign) if one.mistakes)
     if not questions:
-        report("asking whether pressures are gauge pressures", 0.877)
-        beside = find_gauge_pressures(state.campaign, path, lambda campaign: begin(campaign, state.zeros), settings)
-        questions = () if beside is None else (say("verdict.gauge_pressures", effects=list(beside),
-                                                   model=repr(asked.name)),)
+        report("asking whether pressures and diameters are stated rightly", 0.877)
+        restated = find_restatement(state.campaign, path, lambda campaign: begin(campaign, state.zeros),
+                                    shared is not None, settings)
+        if restated is not None:
+            one, beside = restated
+            questions = (say(f"verdict.{one.macro}", **one.facts, effects=list(beside), model=repr(asked.name)),)
     # As many effects as may stand without other reference models explain nothing, or one beyond what physics allows.
     open_ended = len(path.steps[-1].fitted.effects) >= settings.effects_before_rivals or path.keep_physical()[1]
     if open_ended and not path.is_explained() and not questions:

@@ -78,13 +78,15 @@ class Path:
         return not self.keep_physical()[0][-1].lack.rejected
 
 
-def select_effects(selection: SelectionProblem, reference: Fitted, report: Progress = lambda text, share: None) -> Path:
-    """Forward selection beside a fitted reference model, up to where other reference models are worth a try."""
+def select_effects(selection: SelectionProblem, reference: Fitted, report: Progress = lambda text, share: None,
+                   most: int | None = None) -> Path:
+    """Forward selection beside a fitted reference model with up to `most` additions: by default as many as stand before
+    other reference models are worth a try."""
     report("looking for what is missing", 0.15)
     lack, scores = selection.test_lack_of_fit(reference)
     tried = try_effects(selection, reference, scores, lambda text, share: report(text, 0.2 + 0.4 * share))
     start = Path(selection, (FittedStep(reference, lack, scores),), tried, could_have_shown(selection, scores))
-    return extend_path(start, selection.settings.effects_before_rivals, report)
+    return extend_path(start, selection.settings.effects_before_rivals if most is None else most, report)
 
 
 def extend_path(path: Path, most: int, report: Progress = lambda text, share: None) -> Path:

@@ -1,0 +1,93 @@
+"""What a campaign may have stated wrongly once and for all: gauge pressures as absolute ones, a radius as a diameter.
+
+No record stands out then, and no order of magnitude is odd; but what half an atmosphere or half a diameter makes of the
+force looks like physics.
+"""
+
+import dataclasses as dc
+from collections.abc import Callable
+from typing import Any
+
+from .._errors import ComputationError
+from ..measurement.campaign import Campaign
+from .data_errors import AMBIENT
+from .forward_selection import Path, select_effects
+from .problem import Fitted, SelectionProblem
+from .settings import SelectionSettings
+
+
+@dc.dataclass(frozen=True)
+class Restatement:
+    """A campaign with one thing stated otherwise: its pressures, or all known diameters."""
+
+    macro: str  # of the question, among the verdict's sentences
+    facts: dict[str, Any]  # that the question names
+    campaign: Campaign
+
+    @classmethod
+    def list_all(cls, campaign: Campaign) -> "list[Restatement]":
+        """All that are worth a question, the likeliest first."""
+        raised = add_atmosphere(campaign)
+        found = [] if raised is None else [cls("gauge_pressures", {}, raised)]
+        known = {name: value for name, value in campaign.known.items() if name.endswith("diameter") and value}
+        for factor in (2.0, 0.5) if known else ():
+            other = {name: factor * value for name, value in known.items()}
+            facts = {"doubled": factor > 1.0, "values": [f"{n}={1e3 * v:.6g} mm" for n, v in other.items()]}
+            found.append(cls("another_diameter", facts, dc.replace(campaign, known={**campaign.known, **other})))
+        return found
+
+
+def add_atmosphere(campaign: Campaign) -> Campaign | None:
+    """The campaign with an atmosphere added to all its pressures, conditions and channels; None where it has none, or
+    the file gave gauge pressures, to which the ambient pressure was added.
+
+    Absolute pressures to which it was added by mistake are not looked for: as far as forces go, that is the effect of
+    the ambient pressure, which the catalogue holds.
+    """
+    columns = {**campaign.conditions, **campaign.channels}
+    named = [name for name in columns if name.endswith("pressure")]
+    if not named or any(columns[name].gauge for name in named):
+        return None
+    records, samples = campaign.records.copy(), campaign.samples
+    for name in named:
+        if name in campaign.conditions:
+            records[name] += AMBIENT
+        elif samples is not None:
+            samples = samples.assign(**{name: samples[name] + AMBIENT})
+    return dc.replace(campaign, records=records, samples=samples)
+
+
+def find_restatement(campaign: Campaign, path: Path, begin: Callable[[Campaign], tuple[SelectionProblem, Fitted]],
+                     shared: bool, settings: SelectionSettings) -> tuple[Restatement, tuple[str, ...]] | None:
+    """What was stated wrongly throughout a campaign, if anything, and the ids of the effects that are missing then;
+    None where nothing stated otherwise is a better explanation than what was found of it as it is written down.
+
+    As written the reference model leaves a misfit. Stated otherwise it leaves none by itself, and predicts left-out
+    conditions better than all effects that were found do. Or it leaves none with one effect: with any that predicts far
+    better than what was found, where that leaves a misfit or is not physical; else with one of several that were found,
+    or without the error of a setting that records share (`shared`), where it predicts better than all that together.
+    Of several restatements the one that predicts best is told. Of kinds of test in which the gas bears no load,
+    pressure and size of a ball say too little.
+    """
+    asked = path.steps[0].lack.rejected and path.selection.holds_out and path.selection.family.has_contact
+    last, explained = path.steps[-1].fitted, path.is_explained()
+    margin = settings.significant if explained else settings.decisive
+    found: list[tuple[float, Restatement, tuple[str, ...]]] = []
+    for restated in Restatement.list_all(campaign) if asked else ():
+        try:
+            selection, reference = begin(restated.campaign)
+        except ComputationError:
+            continue
+        if not selection.test_lack_of_fit(reference)[0].rejected:
+            if reference.merit < last.merit:
+                found.append((reference.merit, restated, ()))
+        elif not explained or len(last.effects) + shared > 1:
+            listed = tuple(e for e in selection.catalogue if e.id in last.effects) if explained else selection.catalogue
+            again = select_effects(dc.replace(selection, catalogue=listed), reference, most=1)
+            grown = again.steps[-1].fitted
+            whole = dc.replace(again.selection, catalogue=selection.catalogue)
+            complete = again.is_explained() and not whole.test_lack_of_fit(grown)[0].rejected
+            if complete and grown.merit < last.merit - margin:
+                found.append((grown.merit, restated, grown.effects))
+    best = min(found, key=lambda one: one[0], default=None)
+    return None if best is None else best[1:]
