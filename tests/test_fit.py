@@ -11,6 +11,7 @@ from scipy import stats
 import ddetumble as dd
 from ddetumble._errors import InputError
 from ddetumble.cli import main
+from ddetumble.cli.options import read_source
 from ddetumble.exam.simulators.campaigns import write_package
 from ddetumble.exam.simulators.impact_campaigns import make_campaign
 from ddetumble.inference.bounded import truncate_normal
@@ -317,11 +318,20 @@ def test_shapes_are_freed_and_held_on_the_command_line(curved, tmp_path):
     assert "--free wall-stiffness.q" in freed["settings"]["command"]
     held = fit_by_command(curved, tmp_path / "c", "--fix", "wall-stiffness.q=1.5", "--fix", "effective_mass = 1300 g")
     assert held["fixed"]["wall-stiffness.q"] == pytest.approx(1.5)
+    assert '--fix "effective_mass=1.3 kg"' in held["settings"]["command"]
     assert held["fixed"]["effective_mass"] == pytest.approx(1.3) and held["chi2"] < freed["chi2"] + 20
     pulled = fit_by_command(curved, tmp_path / "d", "--free", "wall-stiffness.q=1.4", "--prior",
                             "wall-stiffness.q=1.2+-0.001", "--prior", "effective_mass=1300+-400 g")
     assert pulled["parameters"]["wall-stiffness.q"]["estimate"] == pytest.approx(1.2, abs=0.02)
     assert pulled["parameters"]["wall-stiffness.q"]["initial"] == pytest.approx(1.4)
+
+
+def test_a_number_of_its_own_unit_is_held_as_written():
+    """Coefficients of Eq. 10 are in 1/mm, wherever SI inside has 1/m."""
+    read = read_source("slip-a", None, "fit", None, model="eq10", effects=(), free=None,
+                       priors=["sum_1=2+-0.5 1/m"], fixed=["sum_0=0.25 1/mm", "adhesion_constant=0.8"])
+    assert read.chosen["fixed"] == {"sum_0": 0.25, "adhesion_constant": 0.8}
+    assert read.chosen["priors"]["sum_1"] == pytest.approx((2e-3, 0.5e-3))
 
 
 @pytest.mark.study
@@ -334,6 +344,9 @@ def test_a_fit_by_hand_is_as_good_as_that_of_discover(curved, tmp_path):
 
 @pytest.mark.parametrize(("words", "says"), [
     (["--free", "wall-stiffnes.q"], "wall-stiffness.q"), (["--fix", "effective_mass"], "--fix"),
+    (["--fix", "outer_diameter=61"], "mm"), (["--prior", "effective_mass=1.3+-0.1"], "kg"),
+    (["--free", "effective_mass=1.3"], "kg"), (["--fix", "wall-stiffness.k_w=15000"], "N/m^q"),
+    (["--fix", "wall-stiffness.k_w=15 kN/m"], "N/m^q"), (["--fix", "outer_diameter=-60 mm"], "positive"),
     (["--fix", "effective_mass=1 s"], "kg"), (["--fix", "effective_mass=much"], "--fix"),
     (["--free", "adhesion.tau_a"], "adhesion.tau_a"), (["--prior", "restitution=0.7"], "--prior"),
     (["--prior", "restitution=0.7+-0"], "positive"), (["--prior", "wall-stiffness.q=1+-0.1"], "not fitted"),

@@ -9,7 +9,9 @@ from helpers_measurement import pulse, raw_text, raw_trace
 
 import ddetumble as dd
 from ddetumble import InputError, check_plausibility, import_tests, read_campaign, write_campaign
+from ddetumble.contact.effect import parameters_of
 from ddetumble.exam.simulators.impact import simulate
+from ddetumble.families import list_families
 from ddetumble.measurement.faults import find_truncated
 from ddetumble.measurement.layout import read_layout, split_heading
 
@@ -391,6 +393,58 @@ def test_a_unit_given_against_the_heading_is_told(tmp_path):
     campaign = import_tests(path, units="Fz=kN", **CONDITIONS)
     assert any(("normal_force", "N", "kN") in doubt.mistakes for doubt in check_plausibility(campaign))
     assert not check_plausibility(import_tests(path, units="Fz=N", **CONDITIONS))
+
+
+def test_the_unit_that_a_file_states_is_kept_and_asked_about(tmp_path):
+    """Bar under a heading in kPa: the question names that unit and the right one, also of the campaign read back."""
+    for i in range(3):
+        time, force = raw_trace(seed=i)
+        write(tmp_path / f"shot{i}.csv", raw_text([time, force], ["t [s]", "Fz [N]"]))
+    table = write(tmp_path / "settings.csv", "file,p0 [kPa],v [m/s]\nshot0,10,0.4\nshot1,11,0.4\nshot2,12,0.4\n")
+    campaign = import_tests(sorted(tmp_path.glob("shot*.csv")), conditions=table)
+    again = read_campaign(write_campaign(tmp_path / "out", campaign).path)
+    for one in (campaign, again):
+        assert one.column("initial_pressure").stated == "kPa" and one.column("normal_force").stated == "N"
+        (doubt,) = check_plausibility(one)
+        assert ("initial_pressure", "bar", "kPa") in doubt.mistakes
+        assert {unit for name, _, unit in doubt.mistakes if name == "initial_pressure"} == {"kPa"}
+
+
+@pytest.mark.parametrize(("name", "near"), [
+    ("diameter", "outer_diameter"), ("outer diameter", "outer_diameter"), ("mass", "effective_mass"),
+    ("restitutoin", "restitution"), ("colour", "effective_mass")])
+def test_a_known_number_that_no_model_has_is_refused(tmp_path, name, near):
+    time, force = raw_trace()
+    path = write(tmp_path / "a.csv", raw_text([time, force], ["t [s]", "Fz [N]"]))
+    with pytest.raises(InputError) as caught:
+        import_tests(path, known={name: "60 mm"}, **CONDITIONS)
+    assert caught.value.option == "--known" and name in str(caught.value) and near in str(caught.value)
+
+
+def test_every_parameter_of_a_reference_model_may_be_known():
+    for family in list_families():
+        names = {p.name for built in family.models.values() for p in parameters_of(built.make())}
+        assert names <= {*family.kind.unknown, *family.kind.parameters}, family.name
+
+
+@pytest.mark.parametrize(("cell", "words"), [
+    ("0", "initial_pressure"), ("-0.2", "negative"), ("", "every test"), ("nan", "every test"), ("n/a", "every test")])
+def test_a_setting_that_no_test_has_is_refused_with_its_row(tmp_path, cell, words):
+    for i in range(3):
+        time, force = raw_trace(seed=i)
+        write(tmp_path / f"shot{i}.csv", raw_text([time, force], ["t [s]", "Fz [N]"]))
+    table = write(tmp_path / "set.csv", f"file,p0 [MPa],v [m/s]\nshot0,1.0,0.4\nshot1,{cell},0.4\nshot2,1.2,0.4\n")
+    with pytest.raises(InputError) as caught:
+        import_tests(sorted(tmp_path.glob("shot*.csv")), conditions=table)
+    error = caught.value
+    assert (error.file, error.column, error.row) == (str(table), "p0", 3) and words in error.problem
+
+
+def test_tests_without_gas_are_imported(tmp_path):
+    time, force = raw_trace()
+    path = write(tmp_path / "a.csv", raw_text([time, force], ["t [s]", "Fz [N]"]))
+    campaign = import_tests(path, pressure="0 bar", speed="0.4 m/s")
+    assert campaign.records["initial_pressure"].tolist() == [0.0]
 
 
 def test_an_acceleration_becomes_a_force(tmp_path):

@@ -25,7 +25,7 @@ def test_reads_in_si_units(tmp_path):
     trace = campaign.trace("r02")
     assert list(trace) == ["time", "normal_force"]
     np.testing.assert_array_equal(trace["time"], np.arange(-2, 5) * 0.00025)
-    assert campaign.independent == Column("time", "s", Uncertainty(0.05e-3))
+    assert campaign.independent == Column("time", "s", Uncertainty(0.05e-3), stated="ms")
     assert campaign.uncertainty("approach_speed") == Uncertainty(0.003)
     assert campaign.uncertainty("initial_pressure") == Uncertainty(None, 0.005)
     assert campaign.uncertainty("sequence") is None

@@ -7,6 +7,7 @@ import math
 import pytest
 
 import ddetumble as dd
+from ddetumble.measurement.plausibility import check_numbers
 from ddetumble.planning.plausibility import check_scenario
 from ddetumble.planning.scenario_file import read_scenario
 
@@ -15,8 +16,13 @@ SHIPPED = [p for p in sorted(dd.find_data().iterdir()) if (p / "datapackage.json
            and "family" in json.loads((p / "datapackage.json").read_text())]  # fmt: skip
 
 
-def scale(campaign, column, factor):
-    """The campaign with one column in another unit than stated."""
+def scale(campaign, column, factor, stated=""):
+    """The campaign with one column in another unit than stated, and what its file states for it, if it does."""
+    columns = {name: {n: dc.replace(one, stated=stated) if n.startswith(column) else one
+                      for n, one in getattr(campaign, name).items()} for name in ("conditions", "channels")}
+    if campaign.independent is not None and campaign.independent.name == column:
+        columns["independent"] = dc.replace(campaign.independent, stated=stated)
+    campaign = dc.replace(campaign, **columns)
     if column in campaign.conditions:
         return dc.replace(campaign, records=campaign.records.assign(**{column: campaign.records[column] * factor}))
     names = [name for name in campaign.samples if name.startswith(column)]
@@ -42,9 +48,12 @@ def test_shipped_campaigns_are_plausible(path):
     ("slip-a", "internal_pressure", "bar", "MPa", 10), ("tumble-a", "angular_velocity", "deg/s", "rad/s", 57.29578),
 ])  # fmt: skip
 def test_a_unit_wrong_throughout_is_named(name, column, actual, stated, factor):
-    doubts = dd.check_plausibility(scale(dd.read_campaign(dd.find_data() / name), column, factor))
-    assert len(doubts) == 1 and (column, actual, stated) in doubts[0].mistakes
-    assert not doubts[0].low <= doubts[0].value <= doubts[0].high
+    campaign = dd.read_campaign(dd.find_data() / name)
+    for told in ("", stated):
+        doubts = dd.check_plausibility(scale(campaign, column, factor, told))
+        assert len(doubts) == 1 and (column, actual, stated) in doubts[0].mistakes
+        assert not doubts[0].low <= doubts[0].value <= doubts[0].high
+        assert not told or {one[2] for one in doubts[0].mistakes if one[0] == column} == {stated}
 
 
 @pytest.mark.parametrize("name", [f"impact-{letter}" for letter in "abcefgh"])
@@ -69,6 +78,32 @@ def test_a_known_modulus_in_another_unit_is_named(actual, stated, factor):
     (doubt,) = dd.check_plausibility(dc.replace(campaign, known=campaign.known | {"elastic_modulus": factor * modulus}))
     assert doubt.variable == "elastic_modulus" and doubt.value == factor * modulus > doubt.high
     assert ("elastic_modulus", actual, stated) in doubt.mistakes
+
+
+@pytest.mark.parametrize(("name", "value", "mistake"), [
+    ("outer_diameter", 61.0, ("mm", "m")), ("effective_mass", 1300.0, ("g", "kg")), ("ambient_pressure", 1.013e8, None),
+    ("tensile_strength", 10.0, ("MPa", "Pa"))])
+def test_a_known_number_that_no_bench_has_is_asked_about(name, value, mistake):
+    campaign = dd.read_campaign(dd.find_data() / "impact-b")
+    (doubt,) = dd.check_plausibility(dc.replace(campaign, known=campaign.known | {name: value}))
+    assert doubt.variable == name and doubt.value == value
+    assert mistake is None or (name, *mistake) in doubt.mistakes
+
+
+def test_a_question_names_only_units_that_the_file_states():
+    """Bar under a heading in kPa, and newtons under one in kN: the stated unit of each column, and the right one."""
+    campaign = dd.read_campaign(dd.find_data() / "impact-b")
+    columns = {"normal_force": "N", "time": "s"} | dict.fromkeys(("initial_pressure",), "MPa")
+    stated = {name: dc.replace(one, stated=columns.get(name, "m/s")) for name, one in campaign.conditions.items()}
+    campaign = dc.replace(campaign, conditions=stated, channels={
+        name: dc.replace(one, stated=columns.get(name, "mm")) for name, one in campaign.channels.items()})
+    for column, factor, wrong, right in (("initial_pressure", 0.01, "kPa", "bar"), ("normal_force", 1e3, "kN", "N"),
+                                         ("initial_pressure", 0.1, "hPa", "kPa")):
+        (doubt,) = dd.check_plausibility(scale(campaign, column, factor, wrong))
+        assert (column, right, wrong) in doubt.mistakes
+        told = {name: one.stated for name, one in {**campaign.conditions, **campaign.channels}.items()}
+        told |= {column: wrong, "time": "s"}
+        assert all(told[name] == unit for name, _, unit in doubt.mistakes)
 
 
 def test_what_no_single_unit_explains_is_asked_about_all_the_same():
@@ -97,6 +132,9 @@ def test_a_fit_tells_of_it():
     wrong = scale(campaign.select(campaign.record_keys[:4]), "initial_pressure", 10)
     sentence = str(dd.check_plausibility(wrong)[0])
     assert sentence in dd.fit(wrong, noise="stated").notes
+    (doubt,) = check_numbers({"outer_diameter": 61.0, "restitution": 0.7})
+    assert str(doubt) in dd.fit(campaign.select(campaign.record_keys[:2]), noise="stated",
+                                fixed={"outer_diameter": 61.0}).notes
 
 
 BODY = 'schema = "ddetumble.plan/1"\n[debris]\nangular_velocity = [0.05, 0.02, 0.03]\n'

@@ -93,7 +93,8 @@ def test_every_start_ends_at_the_same_minimum(folder, fitted, start):
 
 def test_a_start_from_which_the_integration_breaks_down_tells_nothing_of_it(folder, fitted, tmp_path):
     start = {"stiffness_force": 0.6184, "exponent": 3.459, "restitution": 0.0911, "effective_mass": 9.779}
-    given = [word for name, value in start.items() for word in ("--free", f"{name}={value}")]
+    units = {"stiffness_force": "N", "effective_mass": "kg"}
+    given = [word for name, value in start.items() for word in ("--free", f"{name}={value} {units.get(name, '')}")]
     done = subprocess.run([sys.executable, "-m", "ddetumble", "fit", str(folder), "-m", "power-law", *given, "-q", "-o",
                            str(tmp_path / "fit")], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0 and done.stderr == ""

@@ -10,7 +10,7 @@ from typing import Annotated, Any, NamedTuple
 
 import typer
 
-from .._errors import InputError, offer_names
+from .._errors import InputError, error_place, offer_names
 from ..reference_models import list_names
 from .places import Output, locate_campaign, open_folder
 from .progress import quiet_now
@@ -177,10 +177,13 @@ def _read_choice(family: str, own: Path | None, model: str | None, effects: Sequ
     freed: dict[str, float | bool] = {}
     for entry in free or ():
         name, sign, value = entry.partition("=")
-        freed[name.strip()] = _read_numbers("free", name.strip(), value, units)[0] if sign else True
-        _find_unit("free", name.strip(), units)
-    held = {name: _read_numbers("fix", name, text, units)[0] for name, text in read_pairs("fix", fixed).items()}
-    known = {name: _read_numbers("prior", name, text, units, 2) for name, text in read_pairs("prior", priors).items()}
+        name = name.strip()
+        freed[name] = _read_value("free", name, value, _find_unit("free", name, units)) if sign else True
+        _find_unit("free", name, units)
+    held = {name: _read_value("fix", name, text, _find_unit("fix", name, units))
+            for name, text in read_pairs("fix", fixed).items()}
+    known = {name: _read_prior(name, text, _find_unit("prior", name, units))
+             for name, text in read_pairs("prior", priors).items()}
     return chosen | {"free": freed, "fixed": held, "priors": known}
 
 
@@ -191,25 +194,27 @@ def _find_unit(option: str, name: str, units: dict[str, str]) -> str:
     return units[name]
 
 
-def _read_numbers(option: str, name: str, text: str, units: dict[str, str], count: int = 1) -> tuple[float, ...]:
-    """One number, or a mean and its standard deviation, with or without a unit, in the parameter's own unit."""
-    from ..measurement.units import NUMBER, parse_unit
+def _read_value(option: str, name: str, text: str, unit: str) -> float:
+    """A parameter's value in its own unit, read as `import --known` reads one: with a unit, unless it has none."""
+    from ..measurement.checks import read_known
 
-    own = _find_unit(option, name, units)
-    sign = r"\s*(?:\+-|\+/-|±)\s*"
-    form = sign.join(rf"({NUMBER})" for _ in range(count)) + r"\s*([^\d.].*)?"
-    match = re.fullmatch(rf"\s*{form}", text, re.ASCII if "±" not in text else 0)
-    shape = "NAME=VALUE" if count == 1 else "NAME=MEAN+-SD"
-    if match is None:
-        raise InputError(f"--{option} takes {shape}{f', in {own}' if own else ''}; {name}={text!r} does not have this "
-                         f"form")
-    numbers = [float(match[k + 1]) for k in range(count)]
-    if count == 2 and not numbers[1] > 0:
-        raise InputError(f"--{option}: the standard deviation of {name} must be positive")
-    if match[count + 1]:
-        unit, wanted = parse_unit(match[count + 1].strip()), parse_unit(own or "1")
-        if unit.dimension != wanted.dimension or unit.offset:
-            raise InputError(f"--{option}: {match[count + 1].strip()!r} is not a unit of {name}, which is "
-                             + (f"in {own}" if own else "a pure number"))
-        numbers = [float(unit.convert(x)) for x in numbers]
-    return tuple(numbers)
+    with error_place(option=f"--{option} {name}"):
+        return read_known(name, text, unit)
+
+
+def _read_prior(name: str, text: str, unit: str) -> tuple[float, float]:
+    """Mean and standard deviation of a parameter in its own unit: `1.3+-0.1 kg`."""
+    from ..measurement.units import NUMBER, parse_quantity, refuse_bare
+
+    match = re.fullmatch(rf"\s*({NUMBER})\s*(?:\+-|\+/-|±)\s*({NUMBER})(?:\s*([^\d\s.].*)|\s+(1/.*))?\s*", text)
+    with error_place(option=f"--prior {name}"):
+        if match is None:
+            raise InputError(f"write it like NAME=MEAN+-SD{f', with the unit behind, such as {unit}' * bool(unit)}; "
+                             f"{text!r} does not have this form")
+        behind = (match[3] or match[4] or "").strip()
+        if not behind:
+            refuse_bare(text, name, unit)
+        mean, sd = (parse_quantity(f"{number} {behind}", name, unit) for number in (match[1], match[2]))
+        if not sd > 0:
+            raise InputError("the standard deviation must be positive")
+    return mean, sd

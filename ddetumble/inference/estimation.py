@@ -13,6 +13,7 @@ from ..contact.effect import AbstractEffect, is_absent, parameters_of, require_e
 from ..families import find_family, name_family, open_campaign
 from ..measurement.campaign import Campaign
 from ..measurement.faults import STAYING, screen_samples
+from ..measurement.plausibility import check_numbers
 from .archive import Model, resolve_model
 from .assembly import Assembly, assemble_space, default_starts
 from .bounded import Bounded, explain_share, list_limits, meets_data, solve_bounded
@@ -89,10 +90,7 @@ def fit(campaign: Campaign | str | Path, model: Model = "paper", effects: Sequen
     in_hand = not isinstance(model, (str, Path))
     shown = list(dict.fromkeys([*([e.id for e in resolved.effects] if in_hand else []), *ids]))
     command = [f"ddetumble fit {campaign.name} --model {resolved.name if in_hand else Path(model).name}",
-               *(f"--effect {e}" for e in shown),
-               *(f"--free {n}" + ("" if v is True else f"={v:g}") for n, v in freed.items()),
-               *(f"--fix {n}={v:g}" for n, v in wanted.fixed.items()),
-               *(f"--prior {n}={p.mean:g}+-{p.sd:g}" for n, p in wanted.priors.items())]
+               *(f"--effect {e}" for e in shown)]
     return _fit(campaign, wanted, resolved, {"command": " ".join(command)}, start or {}, report,
                 [e for e in effects if not isinstance(e, str)], noise if isinstance(noise, Mapping) else None)
 
@@ -116,12 +114,16 @@ def _fit(campaign: Campaign, wanted: Specification, resolved: ResolvedModel, set
                              f"{wanted.model!r} and the campaign {campaign.name!r} do not have")
     space = assembly.space
     names = _choose_free(assembly, chosen, wanted)
+    if "specification" not in settings:
+        settings = {**settings, "command": " ".join([settings["command"], *_write_choices(space, wanted)])}
     given = {**start, **{k: v for k, v in wanted.free.items() if v is not True}}
     brought = {f"{effect.id}.{p.name}": float(p.transform.publish(float(getattr(effect, p.field))))
                for effect in resolved.effects for p in parameters_of(effect)}
     base = _place_values(space, assembly.start, brought)
     base = _place_values(space, base, dict(wanted.fixed) | given)
     priors, limits = _place_priors(space, wanted), _place_bounds(space, wanted)
+    chosen_numbers = given | dict(wanted.fixed) | {name: prior.mean for name, prior in wanted.priors.items()}
+    warnings = (*assembly.warnings, *map(str, check_numbers(chosen_numbers)))
 
     def pose(noise: Mapping[str, Noise] | None, most: int | None = None) -> Problem:
         records = stack_records(campaign, noise, most)
@@ -138,7 +140,7 @@ def _fit(campaign: Campaign, wanted: Specification, resolved: ResolvedModel, set
         origins = [base, *origins]
     elif told:
         origins = [*family.guess_starts(campaign, space, base, [n for n in known if n not in given]), *origins]
-    base, first = _fit_reference(problem, known, origins, not (told or saved), assembly.warnings)
+    base, first = _fit_reference(problem, known, origins, not (told or saved), warnings)
     best: Bounded | None = None
     origin = base
     starts = [(u, values) for values in _list_starts(chosen, names, given, resolved)
@@ -194,7 +196,7 @@ def _fit(campaign: Campaign, wanted: Specification, resolved: ResolvedModel, set
                 for fault in faults if fault.kind not in STAYING)]
     return summarise_fit(campaign, resolved.name, tuple(e.id for e in chosen), problem, best, origin, measured,
                          settings, wanted.nuisances,
-                         (*assembly.warnings, *describe_assumed(space, assumed), *doubts))
+                         (*warnings, *describe_assumed(space, assumed), *doubts))
 
 
 def _fit_reference(problem: Problem, names: Sequence[str], origins: Sequence[np.ndarray], rank: bool,
@@ -247,6 +249,17 @@ def _refuse_stray(problem: Problem, solution: Solution) -> None:
         f"the fit found no place where the model meets the measured {space.family.channels[0]}: where it ended after "
         f"{solution.steps} steps ({values}) it removes {100 * explain_share(problem, solution):.0f} % of the signal's "
         "sum of squares. Check the units of the records, free what is fixed, or start nearer")
+
+
+def _write_choices(space: ParameterSpace, wanted: Specification) -> list[str]:
+    """What is free, held and drawn to a prior as options of the command line, which ask for units."""
+    def write(option: str, name: str, number: str) -> str:
+        value = f"{name}={number} {space.parameter(name).unit}".rstrip()
+        return f'--{option} "{value}"' if " " in value else f"--{option} {value}"
+
+    return [*(f"--free {n}" if v is True else write("free", n, f"{v:g}") for n, v in wanted.free.items()),
+            *(write("fix", n, f"{v:g}") for n, v in wanted.fixed.items()),
+            *(write("prior", n, f"{p.mean:g}+-{p.sd:g}") for n, p in wanted.priors.items())]
 
 
 def _choose_free(assembly: Assembly, chosen: Sequence[type[AbstractEffect]], wanted: Specification) -> list[str]:

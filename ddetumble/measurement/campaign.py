@@ -29,6 +29,7 @@ class Column:
         common: One standard deviation of the error that all records share (an onset detector's bias, a pressure gauge
             that reads low), or None.
         degrees: Degrees of freedom from which the uncertainty was estimated; infinite where it is stated.
+        stated: Unit in which the file states the numbers, as it is written there; "" where nothing tells.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Column:
     description: str = ""
     common: Uncertainty | None = None
     degrees: float = float("inf")
+    stated: str = ""
 
     def sd(self, values) -> np.ndarray:
         """Standard deviation of each record's own error at `values` (any shape, SI); 0 where none is stated."""

@@ -38,10 +38,10 @@ class Rows(NamedTuple):
     lines: np.ndarray
 
 
-def read_known(name: str, text: str | float) -> float:
+def read_known(name: str, text: str | float, unit: str = "") -> float:
     """Read a known parameter with its unit; refused is one that no body can have: not positive where it must be, a
-    restitution above one."""
-    value = parse_quantity(text, name)
+    restitution above one. `unit` is that of a parameter whose name does not say it."""
+    value = parse_quantity(text, name, unit)
     if name in _POSITIVE and value <= 0:
         raise InputError(f"the value must be positive; it is {value:g} {si_unit(name)}")
     if name == "restitution" and not 0 < value <= 1:

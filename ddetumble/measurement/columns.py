@@ -93,7 +93,12 @@ class Plan:
     headings: dict[str, str] = field(default_factory=dict)  # quantity to the heading it was read from
     conditions: dict[str, dict[str, float]] = field(default_factory=dict)  # by name and record key, SI
     sources: dict[str, str] = field(default_factory=dict)  # where each condition comes from
+    stated: dict[str, str] = field(default_factory=dict)  # unit that the files state for a quantity; "" where several
     notes: list[str] = field(default_factory=list)  # every decision, in sentences
+
+    def note_unit(self, name: str, text: str) -> None:
+        """Keep the unit in which a file states a quantity, for questions about it."""
+        self.stated[name] = text if self.stated.get(name, text) == text else ""
 
     def add(self, name: str, values: dict[str, float], unit: str, source: str,
             places: Mapping[str, Mapping] | None = None) -> None:
@@ -104,6 +109,11 @@ class Plan:
             values = {key: value + self.ambient for key, value in values.items()}
         self.conditions[name], self.si[name], self.sources[name] = values, unit, source
         gauge = GAUGE if self.ambient is None else ""  # it is told already
+        if name == self.kind.pressure and any(values.values()):  # else there is no gas in any test
+            empty = next((key for key, value in values.items() if value == 0), None)
+            if empty is not None:
+                raise InputError(f"{name} of record {empty!r}: an absolute pressure of 0 is a vacuum, and "
+                                 f"other tests have gas; correct the number{gauge}", **(places or {}).get(empty, {}))
         for key, value in values.items():
             place = (places or {}).get(key, {})
             try:

@@ -14,6 +14,7 @@ from .units import ROLES, check_unit, list_usual
 
 
 LINKS = {"file": ("file", "filename", "datei", "fichier"), "record": ("record",)}  # headings of the test of a row
+NEEDED = "every test needs a number here: write it, or leave out the test, its row and its file"
 SHOWN = 5  # names of a table in a message
 
 
@@ -61,10 +62,11 @@ def _add_columns(plan: Plan, table: RawFile, path: Path, records: dict[str, str]
             raise InputError(f"the column has no unit: {ask_unit(column, asked, name)}"
                              + order * _is_order(table, column), file=table.file, column=column)
         checked = read_unit(unit, asked, table.file, column)
-        values = checked.convert(convert_column(table, column, decimal=table.decimal))
+        values = checked.convert(convert_column(table, column, decimal=table.decimal, needed=NEEDED))
         places = {key: {"file": table.file, "column": column, "row": table.lines[row]} for key, row in rows.items()}
         found = {key: float(values[row]) for key, row in rows.items()}
         plan.add(name, found, checked.si, path.name, places)
+        plan.note_unit(name, checked.text)
 
 
 def read_names(plan: Plan, pattern: str, records: dict[str, str]) -> None:
@@ -100,6 +102,7 @@ def read_names(plan: Plan, pattern: str, records: dict[str, str]) -> None:
     for i, (name, unit) in enumerate(units.items()):
         values = {key: float(unit.convert(numbers[i])) for key, numbers in found.items()}
         plan.add(name, values, unit.si, "--name-pattern", {key: {"file": file} for key, file in records.items()})
+        plan.note_unit(name, unit.text)
     plan.notes.append(f"The file names gave {', '.join(f'{name} in {unit.text}' for name, unit in units.items())}.")
 
 

@@ -30,6 +30,7 @@ from .faults import find_truncated
 from .kinds import DEFAULT_KIND, RecordKind, find_kind, take_kind
 from .layout import RawFile
 from .plausibility import check_plausibility
+from .quantities import join_words
 from .recordings import ENDINGS, is_bag, probe_files, read_files, split_sheet
 from .tables import convert_column, read_texts, read_toml
 from .units import ROLES, Uncertainty, check_unit, parse_quantity, parse_uncertainty, si_unit
@@ -288,6 +289,7 @@ def _read_tests(raw: RawFile, plan: Plan) -> list[RawTest]:
         cells = convert_column(raw, column, decimal=raw.decimal, allow_missing=role not in (independent, "sequence"))
         refuse_large(cells, raw, column)
         values[role] = unit.convert(cells)
+        plan.note_unit(role, unit.text)
         if plan.si.setdefault(role, unit.si) != unit.si:
             raise InputError("the unit is of a different kind from that in earlier files", file=raw.file, column=column)
     used = ", ".join(f"{role} from {column!r}" for role, column in roles.items())
@@ -326,6 +328,7 @@ def _collect_constants(tests: list[RawTest], plan: Plan) -> dict[str, dict[str, 
             found = {test.key: float(np.nanmin(test.values.pop(name))) for test in tests}
             places = {test.key: {"file": test.file, "column": plan.headings.get(name)} for test in tests}
             plan.add(condition, found, plan.si[name], f"the raw column {name}", places)
+            plan.note_unit(condition, plan.stated.get(name, ""))
             plan.notes.append(f"{condition} was read from a column that does not change within a test.")
         elif name in kind.averaged:
             means[condition] = alignment.take_means(tests, name, plan.headings)
@@ -343,15 +346,27 @@ def _read_known(known, ambient, kind: RecordKind) -> dict[str, float | None]:
     parameters: dict[str, float | None] = dict.fromkeys(kind.unknown)
     pairs = known if isinstance(known, dict) else read_pairs("known", known)
     for name, value in pairs.items():
-        near = difflib.get_close_matches(str(name), [*ROLES, *parameters], n=1, cutoff=0.8)
-        if near and name not in (*ROLES, *parameters):
-            raise InputError(f"there is no parameter {name!r}; did you mean {near[0]}?", option="--known")
+        _check_name(str(name), kind, parameters)
         with error_place(option=f"--known {name}"):
             parameters[name] = None if value in (None, "null", "") else read_known(name, value)
     if ambient is not None:
         with error_place(option="--ambient"):
             parameters["ambient_pressure"] = parse_quantity(ambient, "ambient_pressure")
     return parameters
+
+
+def _check_name(name: str, kind: RecordKind, parameters: Collection[str]) -> None:
+    """Refuse the name of a known number that no reference model of the kind has; where a kind does not list its own,
+    only one that is nearly another. Those of effects, which have a point, are checked with the model.
+    """
+    names = list(dict.fromkeys([*parameters, *kind.parameters]))
+    near = difflib.get_close_matches(name, names if kind.parameters else [*ROLES, *names], n=3,
+                                     cutoff=0.6 if kind.parameters else 0.8)
+    if name in names or "." in name or not kind.parameters and (name in ROLES or not near):
+        return
+    remedy = f"did you mean {join_words(near, 'or')}?" if near else f"the parameters are {', '.join(names)}"
+    raise InputError(f"there is no parameter {name!r}; {remedy}",
+                     option="--known")
 
 
 def _assemble(tests: list[RawTest], plan: Plan, options: dict, noise: dict[str, float],
@@ -403,7 +418,8 @@ def _assemble(tests: list[RawTest], plan: Plan, options: dict, noise: dict[str, 
             if name in test.values:
                 check_values(name, test.values[name], test, "samples", own.get(name), plan.headings.get(name, name))
     samples = pd.concat([pd.DataFrame({"record": test.key} | test.values) for test in tests], ignore_index=True)
-    columns = {name: Column(name, unit, own.get(name), description=described.get(name, ""), common=shared.get(name))
+    columns = {name: Column(name, unit, own.get(name), description=described.get(name, ""), common=shared.get(name),
+                            stated=plan.stated.get(name, ""))
                for name, unit in units.items()}
     keys = pd.Index([test.key for test in tests], name="record", dtype=object)
     return Campaign(

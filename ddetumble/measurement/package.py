@@ -191,7 +191,8 @@ def _describe_field(field: FieldModel, resource: str, known: dict, notes: list[s
     if field.assumed:
         notes.append(f"The column {name} is marked as an assumption, not a measurement.")
     gauge = field.reference == "gauge"
-    return Column(name, unit.si, uncertainty, gauge, field.assumed, field.description, common), offset
+    stated = field.stated_unit or (unit.text if unit.scale != 1.0 else "")
+    return Column(name, unit.si, uncertainty, gauge, field.assumed, field.description, common, stated=stated), offset
 
 
 def write_campaign(folder, campaign: Campaign, *, overwrite: bool = False) -> Campaign:
@@ -287,6 +288,8 @@ def _describe(column: Column) -> dict:
     field: dict[str, Any] = {"name": column.name, "type": "integer" if column.name in UNITLESS else "number"}
     if column.name not in UNITLESS:
         field["unit"] = column.unit
+        if column.stated:
+            field["stated_unit"] = column.stated
     for key, uncertainty in (("uncertainty", column.uncertainty), ("common_uncertainty", column.common)):
         if uncertainty is None:
             continue

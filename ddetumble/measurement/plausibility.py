@@ -24,7 +24,6 @@ RANGES: Ranges = {
     "normal_load": (1e-2, 2e4), "tangential_force": (1e-3, 2e4),
     "friction coefficient": (2e-3, 30.0),  # over the load as stated; a gas may press on a seal beside it
     "duration of the impact": (5e-5, 1.0), "moving mass": (2e-3, 300.0), "depression": (1e-6, 0.3),
-    "elastic_modulus": (1e5, 5e8),  # of rubber and other soft polymers
     "stroke": (1e-6, 10.0), "angular rate": (1e-5, 60.0), "turn between samples": (0.0, np.pi),
     "stiffness over that of the gas": (0.2, 5.0), "depression over speed and duration": (0.12, 0.9),
     "path over speed and time": (0.5, 2.0), "temperature": (150.0, 500.0),
@@ -34,21 +33,29 @@ FAR = 3.0  # times beyond its range, from which on the size of a single record i
 # tell factors of 6.9 (psi as kPa) and 10 (MPa as bar) from each other for sure: both may agree.
 CORRECTED = (0.6, 1.7)
 TYPICAL = {"stiffness over that of the gas": 1.0, "path over speed and time": 1.0}  # of ratios, in the right units
-NUMBERS = ("elastic_modulus",)  # that a campaign says are known, with which no record differs from another
+# The same of single numbers that a campaign, a specification or the command line states. The pressure around a test
+# may be a vacuum, and a stiff arm may count as any mass.
+NUMBERS: Ranges = {
+    "outer_diameter": (5e-3, 2.0), "inner_diameter": (4e-3, 2.0), "effective_mass": (2e-3, 1e3),
+    "ambient_pressure": (0.0, 3e5), "tensile_strength": (1e5, 5e8), "real_contact_pressure": (1e5, 2e9),
+    "elastic_modulus": (1e5, 5e8),  # of rubber and other soft polymers
+    "orbit_rate": (0.0, 2e-3),  # a turn in 52 minutes: faster is no orbit of the Earth
+}
 MISTAKES: dict[str, tuple[tuple[str, str], ...]] = {  # the unit that the values are in, and the one that was stated
     "pressure": (("bar", "MPa"), ("kPa", "MPa"), ("bar", "Pa"), ("MPa", "Pa"), ("kPa", "Pa"), ("psi", "bar"),
                  ("psi", "MPa"), ("MPa", "bar"), ("kPa", "bar"), ("psi", "kPa"), ("psi", "Pa"), ("MPa", "psi"),
-                 ("Pa", "bar"), ("Pa", "MPa"), ("Pa", "kPa")),
+                 ("Pa", "bar"), ("Pa", "MPa"), ("Pa", "kPa"), ("bar", "kPa"), ("MPa", "kPa")),
     "speed": (("mm/s", "m/s"), ("m/s", "mm/s"), ("cm/s", "m/s"), ("m/s", "cm/s"), ("mm/s", "cm/s"),
               ("cm/s", "mm/s"), ("km/h", "m/s"), ("mm/min", "mm/s"), ("mm/s", "mm/min")),
     "time": (("ms", "s"), ("s", "ms"), ("us", "s"), ("us", "ms"), ("ms", "us"), ("s", "min"), ("min", "s")),
     "force": (("N", "kN"), ("kN", "N"), ("mN", "N"), ("N", "mN"), ("kgf", "N"), ("N", "kgf"), ("gf", "N")),
     "length": (("mm", "m"), ("m", "mm"), ("um", "mm"), ("mm", "um"), ("um", "m"), ("cm", "m"), ("mm", "cm")),
+    "mass": (("g", "kg"), ("kg", "g")),
     "angular velocity": (("deg/s", "rad/s"), ("rad/s", "deg/s"), ("rpm", "rad/s")),
 }  # fmt: skip
+# Columns whose unit may be wrong, the likeliest first.
 _SUSPECTS = ("initial_pressure", "internal_pressure", "approach_speed", "slip_speed", "tangential_speed", "normal_load",
-             "normal_force", "tangential_force", "time", "depression", "slip", "angular_velocity",
-             "elastic_modulus")  # columns whose unit may be wrong, the likeliest first
+             "normal_force", "tangential_force", "time", "depression", "slip", "angular_velocity")
 
 
 @dataclass(frozen=True)
@@ -77,8 +84,9 @@ def check_plausibility(campaign: Campaign) -> tuple[Implausibility, ...]:
     Every size that the campaign tells is compared with its range, in `RANGES` or of its kind of tests. One column in
     another unit than stated is the explanation where it brings all of them into their ranges; where none does, each is
     named on its own. Every unit that does so is named, or, if there are any, every one that brings the stiffness of the
-    gas nearly right. Where the campaign as a whole is ordinary, a size of a single record that is out of all proportion
-    is asked about.
+    gas nearly right. Of a column whose unit the file states, only that unit counts as stated. Where the campaign as a
+    whole is ordinary, a size of a single record that is out of all proportion is asked about. Known numbers are judged
+    each by itself, first.
 
     Args:
         campaign: As read or imported, SI.
@@ -87,6 +95,22 @@ def check_plausibility(campaign: Campaign) -> tuple[Implausibility, ...]:
         What should be asked about, none where all is ordinary.
     """
     ranges = {**RANGES, **find_kind(campaign.family).ranges}
+    known = check_numbers({name: value for name, value in campaign.known.items() if value is not None})
+    return (*known, *_check_sizes(campaign, ranges))
+
+
+def check_numbers(values: Mapping[str, float]) -> tuple[Implausibility, ...]:
+    """Find implausible single numbers [SI] among those named, and the wrong units that would explain each."""
+    found = []
+    for name in filter(values.__contains__, NUMBERS):
+        size = Size(float(values[name]), si_unit(name), {name: 1})
+        if not _is_within(size.value, NUMBERS[name]):
+            found.append(_ask(name, size, tuple(_list_mistakes(name, {name: size}, False, NUMBERS, "")), NUMBERS))
+    return tuple(found)
+
+
+def _check_sizes(campaign: Campaign, ranges: Ranges) -> tuple[Implausibility, ...]:
+    """What is implausible about the columns of a campaign."""
     rows = _measure_sizes(campaign, ranges)
     sizes = {name: replace(next(iter(own.values())), value=float(np.median([size.value for size in own.values()])))
              for name, own in rows.items()}
@@ -96,7 +120,8 @@ def check_plausibility(campaign: Campaign) -> tuple[Implausibility, ...]:
     mistakes, relations = [], [name for name in odd if " over " in name]
     for column in _SUSPECTS:
         if all(column in sizes[name].powers for name in odd):
-            mistakes += _list_mistakes(column, sizes, len(relations) == len(odd), ranges)
+            mistakes += _list_mistakes(column, sizes, len(relations) == len(odd), ranges,
+                                       _find_stated(campaign, column))
     if mistakes:
         return (_ask(odd[0], sizes[odd[0]], tuple(mistakes), ranges),)
     # A relation of several columns is the more doubtful: it is told only where nothing else is.
@@ -108,29 +133,55 @@ def _is_within(value: float, limits: tuple[float, float]) -> bool:
     return limits[0] <= value <= limits[1]
 
 
-def _list_mistakes(column: str, sizes: Mapping[str, Size], doubtful: bool, ranges: Ranges
+def _find_stated(campaign: Campaign, column: str) -> str:
+    """The unit that a campaign's file states for a column, or for the first of several components; "" if none."""
+    columns = {**campaign.conditions, **campaign.channels}
+    if campaign.independent is not None:
+        columns[campaign.independent.name] = campaign.independent
+    names = [f"{column}_x", f"{column}_y", f"{column}_z", column]
+    return next((one.stated for name, one in columns.items() if name in names), "")
+
+
+def _list_pairs(column: str, stated: str) -> list[tuple[str, str]]:
+    """Units that the values of a column may be in, each with the one that is stated: that of the file, or, where
+    nothing tells it, all that are taken for each other.
+    """
+    pairs = MISTAKES[role_of(column) or "angular velocity"]
+    if not stated:
+        return list(pairs)
+    own = parse_unit(stated)
+    if own.dimension != parse_unit(pairs[0][0]).dimension:
+        return []
+    usual = [actual for actual, other in pairs if parse_unit(other).scale == own.scale]
+    units = usual or [one for one in dict.fromkeys(one for pair in pairs for one in pair)
+                      if parse_unit(one).scale != own.scale]
+    return [(actual, stated) for actual in units]
+
+
+def _list_mistakes(column: str, sizes: Mapping[str, Size], doubtful: bool, ranges: Ranges, stated: str
                    ) -> list[tuple[str, str, str]]:
     """Wrong units of one column that would explain all sizes; where only relations are odd, they have to do it well.
+    `stated` is the unit that the file states for it, "" where nothing tells.
 
     Several where the sizes leave it open which, as of kPa, bar and psi: those first that bring ratios of columns
     nearest to their typical values.
     """
     found, good, gas = {}, [], "stiffness over that of the gas"
-    for actual, stated in MISTAKES[role_of(column) or "angular velocity"]:
-        factor = parse_unit(actual).scale / parse_unit(stated).scale
+    for actual, wrong in _list_pairs(column, stated):
+        factor = parse_unit(actual).scale / parse_unit(wrong).scale
         corrected = {name: size.value * factor ** size.powers.get(column, 0) for name, size in sizes.items()}
         strictly = gas not in corrected or _is_within(corrected[gas], CORRECTED)
         odd = gas in sizes and not _is_within(sizes[gas].value, ranges[gas])
         if all(_is_within(value, ranges[name]) for name, value in corrected.items()) and (
                 strictly or not (doubtful and odd)):
-            found[column, actual, stated] = sum(
+            found[column, actual, wrong] = sum(
                 abs(np.log(corrected[name] / typical)) for name, typical in TYPICAL.items() if name in corrected)
-            good += [(column, actual, stated)] * strictly
+            good += [(column, actual, wrong)] * strictly
     return sorted(good or found, key=found.__getitem__)
 
 
 def _measure_sizes(campaign: Campaign, ranges: Ranges) -> dict[str, dict[str, Size]]:
-    """Everything in `ranges` that a campaign tells, by name and record; of known numbers one value for all."""
+    """Everything in `ranges` that the columns of a campaign tell, by name and record."""
     sizes: dict[str, dict[str, Size]] = {}
     kind = find_kind(campaign.family)
     for name, column in campaign.conditions.items():
@@ -139,10 +190,6 @@ def _measure_sizes(campaign: Campaign, ranges: Ranges) -> dict[str, dict[str, Si
         found = {str(key): Size(float(x), column.unit, {name: 1}) for key, x in values if np.isfinite(x) and x != 0}
         if name in ranges and found:
             sizes[name] = found
-    for name in NUMBERS:
-        known = campaign.known.get(name)
-        if known is not None:
-            sizes[name] = {"": Size(known, si_unit(name), {name: 1})}
     for key in campaign.record_keys if campaign.samples is not None else ():
         for name, size in kind.measure(campaign.trace(key), campaign.records.loc[key].to_dict()).items():
             if np.isfinite(size.value) and size.value > 0:

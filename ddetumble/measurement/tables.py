@@ -22,6 +22,8 @@ from .._settings import refuse_memory
 CELLS = 20  # bytes of memory a byte of a table takes while it is read, as text and as numbers (measured: 19)
 _DIGITS = frozenset("0123456789+-.eE")
 # Cells that are no numbers, and what to do about them; at first those with the other decimal sign.
+_NO_VALUE = r"[-+]?(nan|n/?a|null|none|inf(inity)?|#n/a|#[a-z/0]+[!?]|-+)"
+NEEDED = "every row needs a number here: write it, or drop the row"
 _OTHER_SIGN = {
     ".": (r"[-+]?\d*,\d+([eE][-+]?\d+)?", "contains a comma; write a decimal point, and no thousands separators"),
     ",": (r"[-+]?\d*\.\d+([eE][-+]?\d+)?",
@@ -33,8 +35,7 @@ _MISTAKES = (
     (r"[-+]?[\d.,]+([eE][-+]?\d+)?\s*[^\W\d].*",
      "has a unit or text after the number; put the unit into the descriptor or header"),
     ("=.*", "is a formula without a stored value; open the file in a spreadsheet program and save it"),
-    (r"[-+]?(nan|n/?a|null|none|inf(inity)?|#n/a|#[a-z/0]+[!?]|-+)",
-     "is not a number; leave the cell empty where a sample is missing, or drop the row"),
+    (_NO_VALUE, "is not a number; leave the cell empty where a sample is missing, or drop the row"),
     (".*", "is not a number; correct the cell or drop the row"),
 )
 
@@ -167,11 +168,12 @@ def read_table(path) -> Table:
     return parse_table(decode(read_bytes(path), str(path)), str(path))
 
 
-def convert_column(table: Table, column: str, *, decimal: str = ".", missing=("",), allow_missing: bool = False
-                   ) -> np.ndarray:
+def convert_column(table: Table, column: str, *, decimal: str = ".", missing=("",), allow_missing: bool = False,
+                   needed: str = NEEDED) -> np.ndarray:
     """Numbers of a column, shape (rows,), in the unit of the file; `decimal` is "." or ",".
 
-    Empty cells and those in `missing` become NaN if `allow_missing`.
+    Empty cells and those in `missing` become NaN if `allow_missing`; if not, `needed` says what to do about a cell
+    without a value.
 
     Raises:
         InputError: The column is not there, or a cell is not a plain finite number; file, column and line are named.
@@ -197,7 +199,9 @@ def convert_column(table: Table, column: str, *, decimal: str = ".", missing=(""
         problem = None
         if not cell or cell in missing:
             stands = f"{cell!r} stands for a missing value" if cell else "the cell is empty"
-            problem = None if allow_missing else f"{stands}; every row needs a number here"
+            problem = None if allow_missing else f"{stands}; {needed}"
+        elif not allow_missing and re.fullmatch(_NO_VALUE, cell, re.IGNORECASE):
+            problem = f"{cell!r} is not a number; {needed}"
         else:
             problem, values[i] = _convert_cell(cell, decimal)
         if problem:

@@ -169,14 +169,32 @@ def check_unit(text: str, quantity: str) -> Unit:
     return replace(unit, si=wanted.text)
 
 
-def parse_quantity(text: str | float, quantity: str) -> float:
-    """Read a value with its unit ("60 mm"), or a bare number where the quantity has no dimension, as finite SI."""
-    number, rest = _split_number(text, quantity)
-    if not rest and role_of(quantity) not in (None, "pure number"):
-        usual = list_usual(quantity)
+def refuse_bare(text: str | float, quantity: str, unit: str = "") -> None:
+    """Refuse a value without a unit where its quantity, or a parameter of that `unit`, is no pure number."""
+    kind = role_of(quantity) or next((name for name, si in _KINDS.items() if si == (unit or "1")), None)
+    if kind != "pure number":
+        usual = _USUAL[kind].split() if kind else [unit]
         more = f", if it is not in {', '.join(usual[1:])}" if usual[1:] else ""
-        raise InputError(f"{quantity} needs a unit: write it like '{text} {usual[0]}'{more}")
-    value = float(check_unit(rest, quantity).convert(number))
+        raise InputError(f"{quantity} needs a unit: write it like '{str(text).strip()} {usual[0]}'{more}")
+
+
+def parse_quantity(text: str | float, quantity: str, unit: str = "") -> float:
+    """Read a value with its unit ("60 mm"), or a bare number where the quantity has no dimension, as finite SI.
+
+    `unit` is that of a parameter whose name does not say what it measures; the value is returned in it. One that
+    depends on another parameter (`N/m^q`) has to be written just so.
+    """
+    number, rest = _split_number(text, quantity)
+    if not rest:
+        refuse_bare(text, quantity, unit)
+    if role_of(quantity) is not None or not unit:
+        value = float(check_unit(rest, quantity).convert(number))
+    elif rest == unit:
+        value = number
+    elif "^q" in unit:
+        raise InputError(f"{quantity} is in {unit}, which depends on the exponent q; write it like '{number:g} {unit}'")
+    else:
+        value = convert_text(str(text), unit) / parse_unit(unit).scale
     if not math.isfinite(value):
         raise InputError(f"{quantity} is not a finite number: {text!r}")
     return value
