@@ -369,6 +369,57 @@ def test_a_recording_that_has_lost_messages(tmp_path):
         refuse(path, "512", "513", **UNITLESS["bag"])
 
 
+def test_a_file_without_times_takes_a_sampling_rate(tmp_path):
+    """Of channels without a clock, and of a text file: the times are those that a clock would give."""
+    held = {name: (unit, values) for name, (unit, *_, values) in channels().items() if unit != "s"}
+    path = write_tdms(tmp_path / "a.tdms", held)
+    refuse(path, "wf_increment", "--rate", "--time")
+    clock = dd.import_tests(write_tdms(tmp_path / "b.tdms", clocked()), **CONDITIONS)
+    for source in (path, write_csv(tmp_path / "a.csv", held | {"x": ("mm", TIME)})):
+        campaign = dd.import_tests(source, rate=f"{1 / STEP:.12g} Hz", **CONDITIONS)
+        assert np.ptp(np.diff(campaign.samples["time"])) < 1e-9 and len(campaign.samples) == len(TIME)
+        np.testing.assert_allclose(np.diff(campaign.samples["time"]), STEP)
+    assert campaign.samples["normal_force"].max() == clock.samples["normal_force"].max()
+    for rate, words in (("1000", "Hz"), ("-1 kHz", "positive")):
+        with pytest.raises(dd.InputError, match=words) as caught:
+            dd.import_tests(path, rate=rate, **CONDITIONS)
+        assert caught.value.option == "--rate"
+    refuse(tmp_path / "b.tdms", "--rate", "time", rate="1 kHz")
+
+
+def test_a_table_of_conditions_among_several_sheets_is_named_behind_the_file(tmp_path):
+    write_csv(tmp_path / "a.csv", channels())
+    rows = [["file", "p [bar]", "v [m/s]"], ["a.csv", 10.0, 0.4]]
+    table = write_sheets(tmp_path / "settings.xlsx", {"Table": rows, "old": rows})
+    for named in (table, f"{table}:new"):
+        with pytest.raises(dd.InputError) as caught:
+            dd.import_tests(tmp_path / "a.csv", conditions=named)
+        assert "--conditions" in str(caught.value) and "--sheet" not in str(caught.value)
+        assert "Table" in str(caught.value) and "old" in str(caught.value)
+    assert len(dd.import_tests(tmp_path / "a.csv", conditions=f"{table}:Table").records) == 1
+
+
+def test_a_table_of_conditions_that_is_not_there(tmp_path):
+    """Its absence is told before what a pattern takes for a test."""
+    write_csv(tmp_path / "a.csv", channels())
+    (tmp_path / "settings.csv").write_text("file,p [bar],v [m/s]\na.csv,10,0.4\n", encoding="utf-8")
+    for name, near in (("setings.csv", "settings.csv"), ("q.xlsx", "check the path")):
+        with pytest.raises(dd.InputError) as caught:
+            dd.import_tests(sorted(tmp_path.glob("*.csv")), conditions=tmp_path / name)
+        assert caught.value.file == str(tmp_path / name) and caught.value.option == "--conditions"
+        assert near in caught.value.problem
+
+
+def test_two_headings_of_one_condition_are_both_named(tmp_path):
+    write_csv(tmp_path / "a.csv", channels())
+    for headings in (("Pressure (bar)", "Pressure [bar]"), ("p0 [bar]", "Fill pressure [MPa]")):
+        table = write_sheets(tmp_path / "b.xlsx", {"Table": [["file", *headings, "v [m/s]"], ["a.csv", 10, 1, 0.4]]})
+        with pytest.raises(dd.InputError) as caught:
+            dd.import_tests(tmp_path / "a.csv", conditions=table)
+        told = str(caught.value)
+        assert all(one.split(" [")[0] in told for one in headings) and "initial_pressure" in told
+
+
 def test_messages_of_another_kind(tmp_path):
     (tmp_path / "empty").mkdir()
     (tmp_path / "empty" / "metadata.yaml").write_text("rosbag2_bagfile_information: 3\n")

@@ -49,6 +49,7 @@ def import_files(
     ambient: Annotated[Text, option("QUANTITY", "Ambient pressure of the day: '101.3 kPa'.")] = None,
     force: Annotated[Text, option("COLUMN", "Column with the force (slip: friction).")] = None,
     time: Annotated[Text, option("COLUMN", "Column with the time.")] = None,
+    rate: Annotated[Text, option("QUANTITY", "Sampling rate of files that hold no time: '10 kHz'.")] = None,
     slip: Annotated[Text, option("COLUMN", "Column with the slip (family slip), with or without time.")] = None,
     record_column: Annotated[Text, option("COLUMN", "Column that says which test a row belongs to.")] = None,
     keep: Annotated[

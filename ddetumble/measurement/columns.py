@@ -11,6 +11,7 @@ from .checks import GAUGE, Rows, check_values
 from .kinds import KINDS, RecordKind
 from .layout import RawFile, split_heading
 from .quantities import join_words
+from .recordings import Recording
 from .units import Unit, check_unit, list_usual, parse_unit, si_unit
 
 
@@ -88,6 +89,7 @@ class Plan:
     drop: tuple[str, ...]  # columns that are left out, whatever their headings say
     units: dict[str, str]  # by quantity or column, from --unit
     mass: float | None  # effective mass [kg] that makes a force of an acceleration
+    rate: float | None = None  # samples a second, of files without a time
     ambient: float | None = None  # pressure [Pa] that makes gauge pressures absolute; None where they are already
     si: dict[str, str] = field(default_factory=dict)  # unit of every quantity found so far
     headings: dict[str, str] = field(default_factory=dict)  # quantity to the heading it was read from
@@ -112,8 +114,10 @@ class Plan:
         if name == self.kind.pressure and any(values.values()):  # else there is no gas in any test
             empty = next((key for key, value in values.items() if value == 0), None)
             if empty is not None:
-                raise InputError(f"{name} of record {empty!r}: an absolute pressure of 0 is a vacuum, and "
-                                 f"other tests have gas; correct the number{gauge}", **(places or {}).get(empty, {}))
+                remedy = "" if self.ambient is not None else (
+                    ", or give --gauge and --ambient if pressures count from the ambient pressure")
+                raise InputError(f"{name} of record {empty!r}: an absolute pressure of 0 is a vacuum, and other tests "
+                                 f"have gas; correct the number{remedy}", **(places or {}).get(empty, {}))
         for key, value in values.items():
             place = (places or {}).get(key, {})
             try:
@@ -220,8 +224,11 @@ def _choose_by_unit(raw: RawFile, role: str, taken: Collection[str], option: str
     elif role in ("time", "normal_force") and any(
             kind.path and guess_role(column, kind) == kind.path for kind in KINDS.values() for column in raw.columns):
         hint = f", or, {FRICTION_TEST}"
-    raise InputError(f"it is unclear which column is the {role}: the file has {', '.join(raw.columns)}; give {option}"
-                     + hint, file=raw.file)
+    problem = f"it is unclear which column is the {role}"
+    if role == "time" and not found:
+        clock = "no channel has a clock (in TDMS its wf_increment), and " if isinstance(raw, Recording) else ""
+        problem, option = f"{clock}no column is the time", f"{option}, or --rate '10 kHz' where samples are even"
+    raise InputError(f"{problem}: the file has {', '.join(raw.columns)}; give {option}{hint}", file=raw.file)
 
 
 def ask_unit(column: str, quantity: str, name: str = "") -> str:

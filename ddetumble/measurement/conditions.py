@@ -6,7 +6,7 @@ from pathlib import Path
 
 from .._errors import InputError, error_place
 from .columns import Plan, ask_unit, guess_condition, guess_role, is_counter, name_condition, read_unit
-from .layout import RawFile
+from .layout import RawFile, split_heading
 from .quantities import join_words
 from .recordings import read_files, split_sheet
 from .tables import Table, convert_column, read_texts
@@ -25,10 +25,11 @@ def read_conditions(plan: Plan, path, records: dict[str, str]) -> None:
     headings; `onset` is a time.
     """
     file, sheet = split_sheet(path)
-    tables = read_files(file, sheet=sheet)
+    tables = read_files(file, sheet=sheet, option="--conditions")
     table = tables[0].join(tables[0].columns)
     if len(tables) > 1:
-        raise InputError(f"{sheet!r} names several sheets; name the one with the conditions", file=file)
+        raise InputError(f"{sheet!r} names several sheets; name the one with the conditions", file=file,
+                         option="--conditions")
     with error_place(sheet=table.sheet):
         _add_columns(plan, table, file, records)
 
@@ -46,14 +47,20 @@ def _add_columns(plan: Plan, table: RawFile, path: Path, records: dict[str, str]
     if unused:
         belong = "1 row belongs" if unused == 1 else f"{unused} rows belong"
         plan.notes.append(f"In {path.name}, {belong} to no imported test.")
+    given: dict[str, str] = {}
     for column in table.columns:
         if column in links.values():
             continue
         if is_counter(column):
             plan.notes.append(f"The column {column} only counts repeats, so it is not a condition and was left out.")
             continue
-        role = guess_condition(column, plan.kind)
+        # Headings that differ in their units alone are kept with these.
+        role = guess_condition(split_heading(column)[0], plan.kind)
         name = role if role is not None and role in plan.kind.conditions else name_condition(column)
+        if name in given:
+            raise InputError(f"the headings {given[name]!r} and {column!r} both mean {name}; leave out one of the "
+                             "columns", file=table.file, column=column)
+        given[name] = column
         unit = plan.units.get(column) or plan.units.get(name) or table.units[column]
         unit = unit or ("1" if name == "sequence" else None)
         asked = "time" if name == "onset" else name

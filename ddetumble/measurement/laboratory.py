@@ -21,6 +21,7 @@ from .columns import (
     choose_columns,
     expand_role,
     find_unit,
+    guess_role,
     make_plan,
     read_pairs,
     require_units,
@@ -28,10 +29,10 @@ from .columns import (
 from .conditions import read_conditions, read_names
 from .faults import find_truncated
 from .kinds import DEFAULT_KIND, RecordKind, find_kind, take_kind
-from .layout import RawFile
+from .layout import RawFile, split_heading
 from .plausibility import check_plausibility
 from .quantities import join_words
-from .recordings import ENDINGS, is_bag, probe_files, read_files, split_sheet
+from .recordings import ENDINGS, add_clock, is_bag, probe_files, read_files, split_sheet
 from .tables import convert_column, read_texts, read_toml
 from .units import ROLES, Uncertainty, check_unit, parse_quantity, parse_uncertainty, si_unit
 
@@ -44,7 +45,7 @@ SEVERAL = {"known", "keep", "drop", "units", "uncertainty", "common_uncertainty"
 def import_tests(
     paths, *, family=DEFAULT_KIND, title=None, known=None,
     conditions=None, name_pattern=None, pressure=None, speed=None, load=None, gauge=None, ambient=None,
-    force=None, time=None, slip=None, record_column=None, keep=None, drop=None, units=None, decimal=None,
+    force=None, time=None, rate=None, slip=None, record_column=None, keep=None, drop=None, units=None, decimal=None,
     delimiter=None, sheet=None, onset=None, symmetry_axis=None, uncertainty=None, common_uncertainty=None,
     crop=None, cut=None, reverse=None, zero=None, describe=None,
 ) -> Campaign:
@@ -68,6 +69,7 @@ def import_tests(
         ambient: Ambient pressure, with unit; made part of `known`.
         force, time, slip, record_column: Names of the columns with the force (slip: the friction), the time, the slip
             of the family slip, and the test that a row belongs to.
+        rate: Samples a second, with unit ("10 kHz"), of files that hold no time.
         keep: Further columns: "COLUMN", or "quantity=COLUMN" to choose the column of a quantity.
         drop: Columns that are left out although their headings would be understood.
         units: Units by quantity or column: {"force": "N"} or "force=N".
@@ -114,6 +116,11 @@ def import_tests(
     parameters = _read_known(known, ambient, kind)
     plan = make_plan(kind, force, time, slip, record_column, units, keep, drop,
                      parameters.get("effective_mass"))
+    if rate is not None:
+        with error_place(option="--rate"):
+            plan.rate = parse_quantity(rate, "the sampling rate", "Hz")
+            if not plan.rate > 0:
+                raise InputError("the sampling rate must be positive")
     if kind.pressure and gauge:
         plan.ambient = parameters.get("ambient_pressure")
         if plan.ambient is None:
@@ -123,6 +130,8 @@ def import_tests(
         asked = "; if they are gauge pressures, give --gauge and --ambient" if gauge is None else ", as --absolute says"
         plan.notes.append(f"The pressures were taken as absolute{asked}.")
     tests, (table, part) = [], (None, None) if conditions is None else split_sheet(conditions)
+    if table is not None:
+        _require_table(table)
     listed = _list_files(paths, None if part else table)
     probe_files(listed)
     for file in listed:
@@ -274,8 +283,33 @@ def _list_files(paths, table: Path | None) -> list[str]:
     return files
 
 
+def _require_table(table: Path) -> None:
+    """Refuse a table of conditions that is not there, before its absence shows elsewhere."""
+    if not table.exists():
+        folder = table.parent if table.parent.is_dir() else Path()
+        near = difflib.get_close_matches(table.name, sorted(path.name for path in folder.iterdir()), n=1)
+        raise InputError(f"there is no such file; {f'did you mean {near[0]}?' if near else 'check the path'}",
+                         file=table, option="--conditions")
+
+
+def _add_clock(raw: RawFile, plan: Plan, rate: float) -> RawFile:
+    """A file with times by the sampling rate that was given; refused is one that holds times."""
+    dropped = {split_heading(name)[0] for name in plan.drop}
+    there = [name for name in raw.columns
+             if name not in dropped and (guess_role(name, plan.kind) == "time" or name == getattr(raw, "clock", ""))]
+    if there or "time" in plan.choices:
+        what = there[0] if there else plan.choices["time"]
+        raise InputError(f"the file holds times ({what}); leave out --rate", file=raw.file, option="--rate")
+    raw = add_clock(raw, rate, "time")
+    plan.notes.append(f"{Path(raw.file).name}: the time counts from the first sample, by the sampling rate of "
+                      f"{rate:g} Hz.")
+    return raw
+
+
 def _read_tests(raw: RawFile, plan: Plan) -> list[RawTest]:
     """The tests in one file, their columns chosen and converted to SI."""
+    if plan.rate is not None:
+        raw = _add_clock(raw, plan, plan.rate)
     roles, kind, values = choose_columns(raw, plan), plan.kind, {}
     left = ", ".join(column for column in raw.columns if column not in roles.values())
     raw = raw.join(roles.values())

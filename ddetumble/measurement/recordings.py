@@ -114,7 +114,7 @@ class Recording(RawFile):
 
 
 def read_files(path, *, sheet: str | None = None, leave_out: str | None = None, delimiter: str | None = None,
-               decimal: str | None = None) -> list[RawFile]:
+               decimal: str | None = None, option: str = "--sheet") -> list[RawFile]:
     """The tables of a file, one each test or several with a column that tells them apart.
 
     Args:
@@ -122,6 +122,7 @@ def read_files(path, *, sheet: str | None = None, leave_out: str | None = None, 
         sheet: The sheet or group to read where there are several; of a pattern such as `*` each that fits.
         leave_out: A sheet or group that is not a test; a file that holds no other gives none.
         delimiter, decimal: Of a text file, as `read_layout` takes them.
+        option: That names the sheet: `--conditions` takes it behind the file, and needs a single one.
     """
     path = Path(path)
     ending = path.suffix.lower()
@@ -136,14 +137,26 @@ def read_files(path, *, sheet: str | None = None, leave_out: str | None = None, 
     if not groups:
         raise InputError(f"the file holds no {'sheets with numbers' if ending in _SHEETS else 'channels'}; choose "
                          "another file, or export the measurement again", file=path)
-    chosen, found = _choose_groups(groups, sheet, word, path), []
+    chosen, found = _choose_groups(groups, sheet, word, path, option), []
     for name in chosen:
         key, named = path.stem if len(chosen) == 1 else f"{path.stem}-{name}", f"{word} {name}" if name else None
         with error_place(file=str(path), sheet=named):
-            raw = _lay_out_sheet(groups[name], path) if ending in _SHEETS else _make_recording(groups[name], path)
+            held = groups[name]
+            raw = _lay_out_sheet(held, path, option) if ending in _SHEETS else _make_recording(held, path)
         note = f"{short}: {', '.join([*([named] if named else []), *raw.notes])}."
         found.append(replace(raw, key=key, sheet=named, notes=(note,) if named or raw.notes else ()))
     return found
+
+
+def add_clock(raw: RawFile, rate: float, name: str) -> RawFile:
+    """A file without times as one whose samples are evenly spaced: the column `name` with times from zero on, of a
+    recording one for each length of its channels; `rate` in samples a second.
+    """
+    columns, units = {name: np.arange(len(raw)) / rate} | raw.columns, {name: "s"} | raw.units
+    if not isinstance(raw, Recording):
+        return replace(raw, columns=columns, units=units)
+    clocks = {one: np.arange(len(cells)) / rate for one, cells in raw.columns.items() if len(cells) != 1}
+    return replace(raw, columns=columns | {name: np.empty(0)}, units=units, clock=name, clocks=clocks)
 
 
 def probe_files(paths: Iterable[Path | str]) -> None:
@@ -243,26 +256,29 @@ def _read_groups(path: Path) -> dict:
     return groups
 
 
-def _choose_groups(groups: dict, sheet: str | None, word: str, path: Path) -> list[str]:
+def _choose_groups(groups: dict, sheet: str | None, word: str, path: Path, option: str) -> list[str]:
     there = list(groups)
     shown = ", ".join(there[:SHOWN]) + f" and {len(there) - SHOWN} more" * (len(there) > SHOWN)
     if sheet is not None:
         found = [sheet] if sheet in groups else [name for name in there if fnmatch.fnmatchcase(name, sheet)]
         if not found:
             raise InputError(f"there is no {word} {sheet!r}; the file holds {shown or 'none with a name'}", file=path,
-                             option="--sheet")
+                             option=option)
         return found
     # Settings that stand by themselves are no measurement.
     full = [name for name, held in groups.items() if word == "sheet" or any(len(one.values) > 1 for one in held)]
     full = full or there
     if len(full) > 1:
-        raise InputError(f"the file holds {len(there)} {word}s ({shown}); choose one with --sheet NAME, or make each a "
-                         "test of its own with --sheet '*'", file=path)
+        remedy = ("choose one with --sheet NAME, or make each a test of its own with --sheet '*'" if option == "--sheet"
+                  else f"name the one with the conditions behind the file, such as {option} '{path}:{full[0]}'")
+        raise InputError(f"the file holds {len(there)} {word}s ({shown}); {remedy}", file=path)
     return full
 
 
-def _lay_out_sheet(rows, path: Path) -> RawFile:
-    return lay_out(rows, str(path), ".", remedy="name the sheet with the measurements with --sheet")
+def _lay_out_sheet(rows, path: Path, option: str = "--sheet") -> RawFile:
+    remedy = ("name the sheet with the measurements with --sheet" if option == "--sheet" else
+              f"name the sheet with the conditions behind the file, like {option} '{path}:SHEET'")
+    return lay_out(rows, str(path), ".", remedy=remedy)
 
 
 def _make_recording(channels: list[Channel], path: Path) -> Recording:
