@@ -232,6 +232,45 @@ def test_units_in_headings_and_times_of_its_own(reference, tmp_path):
         assert np.allclose(np.diff(own["time"]), own["time"].iloc[1])
 
 
+def test_gauge_pressures_count_from_the_ambient_pressure(reference, tmp_path, capsys):
+    """Given, or as the campaign states it; where that is stated and nothing is said, a note asks."""
+    path, absolute = tmp_path / "conditions.csv", tmp_path / "absolute.csv"
+    path.write_text("p0 [bar],v [m/s]\n10,0.4\n", encoding="utf-8")
+    absolute.write_text("p0 [bar],v [m/s]\n11.01,0.4\n", encoding="utf-8")
+    saved = load(reference)
+    stated = dc.replace(saved, extra={**saved.extra, "ambient_pressure": 1.01e5})
+    expected, peak = (function(saved, absolute) for function in (predict, predict_pulses))
+    for model, ambient in ((saved, "1.01 bar"), (stated, None), (stated, 1.01e5)):
+        np.testing.assert_allclose(predict(model, path, gauge=True, ambient=ambient)["normal_force"],
+                                   expected["normal_force"], rtol=1e-9, atol=1e-9)
+        assert predict_pulses(model, path, gauge=True, ambient=ambient)["peak_normal_force"][0] == pytest.approx(
+            peak["peak_normal_force"][0])
+    asked, quiet, none = (predict(model, absolute, gauge=gauge).attrs["notes"]
+                          for model, gauge in ((stated, None), (stated, False), (saved, None)))
+    assert len(asked) == len(quiet) + 1 and any("--gauge" in note for note in asked) and quiet == none
+    for words, option in ((["--gauge"], "--ambient"), (["--ambient", "1 bar"], "--gauge"),
+                          (["--gauge", "--ambient", "101.3"], "kPa")):
+        assert main(["predict", str(reference), str(path), *words, "-q"]) == 2
+        assert option in capsys.readouterr().err
+    assert main(["predict", str(reference), str(path), "--gauge", "--ambient", "101 kPa", "-q"]) == 0
+    path.write_text("p0 [barg],v [m/s]\n10,0.4\n", encoding="utf-8")
+    with pytest.raises(InputError, match="--gauge"):
+        predict(saved, path)
+
+
+def test_a_fitted_model_keeps_the_ambient_pressure_of_its_campaign(reference, folder, tmp_path):
+    campaign = read_campaign(folder / "campaign-0")
+    campaign = dc.replace(campaign, known=campaign.known | {"ambient_pressure": 9.9e4})
+    space = ParameterSpace(Ball(), ())
+    problem = Problem(space, stack_records(campaign))
+    solution = problem.solve(space.of([None]), space.coordinates(), tolerance=1e-2)
+    noise = {"normal_force": default_noise(campaign, "normal_force", np.arange(9) * 1e-3)}
+    save_model(tmp_path, make_fitted(campaign=campaign, model_name="paper", space=space, solution=solution,
+                                     noise=noise, effects=[], extra={"misfit": 2.0}))
+    again = load(tmp_path)
+    assert again.ambient_pressure == 9.9e4 and again.misfit == 2.0 and load(reference).ambient_pressure is None
+
+
 def test_headings_are_those_that_import_takes(reference, tmp_path):
     """What a laboratory calls its columns means the same; without a unit it is refused, as in `import`."""
     path, plain = tmp_path / "conditions.csv", tmp_path / "plain.csv"

@@ -133,6 +133,12 @@ def predict_records(
         "File for the predictions, with a figure OUT.png and, for impacts, OUT-pulses.csv; if not given, they are "
         "printed.",
         "OUT.csv")] = None,
+    gauge: Annotated[bool | None, typer.Option("--gauge/--absolute", help="Whether the pressures of the table are "
+                                               "gauge pressures, or absolute; without either they are taken as "
+                                               "absolute.")] = None,
+    ambient: Annotated[str | None, option(
+        "QUANTITY", "Ambient pressure that is added to gauge pressures: '101.3 kPa'; that of the campaign, if it "
+                    "states one.")] = None,
     overwrite: Overwrite = False,
 ):
     """Predict with a fitted model at new conditions: for each channel the mean, its uncertainty and that of a new
@@ -150,8 +156,8 @@ def predict_records(
     from ..selection.predict import format_pulses, has_pulses, predict, predict_pulses
 
     with show_progress(f"predicting {conditions.name}") as report:
-        table = predict(model, conditions)
-        pulses = predict_pulses(model, conditions) if has_pulses(model) else None
+        table = predict(model, conditions, gauge=gauge, ambient=ambient)
+        pulses = predict_pulses(model, conditions, gauge=gauge, ambient=ambient) if has_pulses(model) else None
         image = b""
         if picture is not None:
             from ..figures import draw_prediction, render_png

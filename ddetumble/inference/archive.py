@@ -122,7 +122,7 @@ class FittedModel:
         uncertainties, time_sd: of the conditions, by name, and the time origin [s]; none or 0 where none is stated.
         ranges: lowest and highest value of every condition in the campaign, SI.
         chi2, versions: of the fit, and of the packages that made it.
-        extra: what else the writer put there.
+        extra: what else the writer put there, and the `ambient_pressure` [Pa] that the campaign states.
         notes: sentences on what has changed since it was written.
         sampling: of a typical record; None in files of earlier versions.
         priors: Gaussian (mean, sd) of the coordinates of parameters that were fitted under one, by name.
@@ -167,6 +167,13 @@ class FittedModel:
         """RMS residual of the campaign over its noise where that is significantly more than noise leaves, by whoever
         fitted the model; None where it is not."""
         found = self.extra.get("misfit")
+        return None if found is None else float(found)
+
+    @property
+    def ambient_pressure(self) -> float | None:
+        """Pressure [Pa] around the tests as the campaign states it, from which gauge pressures count; None if it does
+        not."""
+        found = self.extra.get("ambient_pressure")
         return None if found is None else float(found)
 
     @property
@@ -226,6 +233,8 @@ def make_fitted(*, campaign: Campaign, model_name: str, space: ParameterSpace, s
     inside = [e for e in space.effects if e.id in effects or e.id in away]
     own = ParameterSpace(space.reference, inside, space.commons)
     clock, sampling = campaign.independent, None
+    ambient = campaign.known.get("ambient_pressure")
+    more = ({} if ambient is None else {"ambient_pressure": float(ambient)}) | dict(extra or {})
     if campaign.samples is not None and clock is not None:
         groups = campaign.samples.groupby("record", sort=False)[clock.name]
         count, first, last = np.median(np.array([(len(x), x.min(), x.max()) for _, x in groups], dtype=float), axis=0)
@@ -241,7 +250,7 @@ def make_fitted(*, campaign: Campaign, model_name: str, space: ParameterSpace, s
         campaign.time_sd,
         {name: (float(np.nanmin(x)), float(np.nanmax(x))) for name in campaign.conditions
          for x in [campaign.records[name].to_numpy(dtype=float)]},
-        len(campaign.records), float(solution.chi2), list_versions(), dict(extra or {}), sampling=sampling,
+        len(campaign.records), float(solution.chi2), list_versions(), more, sampling=sampling,
         priors=dict(priors or {}))
 
 

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from .._errors import ComputationError, InputError
+from .._errors import ComputationError, InputError, error_place
 from ..contact.friction import describe_range
 from ..contact.law import ContactLaw
 from ..contact.sliding import RubberFriction
@@ -20,7 +20,7 @@ from ..dynamics.impact import bound_depression
 from ..inference.archive import AbstractFitted, FittedModel, load, take_fitted
 from ..inference.problem import evaluate
 from ..inference.stack import Stack, pad_shape
-from ..measurement.checks import refuse_rows
+from ..measurement.checks import read_known, refuse_rows
 from ..measurement.columns import guess_condition, list_headings
 from ..measurement.kinds import RecordKind
 from ..measurement.layout import split_heading
@@ -79,14 +79,16 @@ class Request:
         return Request(self.keys[rows], values, True, self.notes)
 
 
-def read_request(conditions: str | Path | pd.DataFrame, saved: FittedModel) -> Request:
-    """Read what is wanted of a fitted model from a CSV file or a table like it.
+def read_request(conditions: str | Path | pd.DataFrame, saved: FittedModel, gauge: bool | None = None,
+                 ambient: str | float | None = None) -> Request:
+    """Read what is wanted of a fitted model from a CSV file or a table like it; `gauge` and `ambient` as of `predict`.
 
     Raises:
         InputError: a column is missing or holds no numbers, a unit of another quantity, conditions that no test can
             have, or that change within a record.
     """
     table = _from_frame(conditions) if isinstance(conditions, pd.DataFrame) else read_table(conditions)
+    added, told = _find_ambient(saved, gauge, ambient)
     lines, family, abscissa = table.lines, saved.space.family, saved.space.family.independent
     names = name_conditions(saved)
     kind = family.kind
@@ -110,7 +112,7 @@ def read_request(conditions: str | Path | pd.DataFrame, saved: FittedModel) -> R
             others = list_headings(name, kind)[:SYNONYMS]
             raise InputError(f"there is no column {name!r} [{unit}]" + f" (or {', '.join(others)})" * bool(others)
                              + ", which the model needs; the file has " + ", ".join(table.columns), file=table.file)
-        values[name] = own = _convert(table, headings[name], name, unit)
+        values[name] = own = _convert(table, headings[name], name, unit) + added * (name == kind.pressure)
         remedy = "; pressures are absolute" if name == "initial_pressure" else ""
         if name in POSITIVE:
             refuse_rows(own <= 0, table, headings[name][0], lambda row: f"{own[row]:g} must be positive{remedy}")  # noqa: B023
@@ -136,7 +138,26 @@ def read_request(conditions: str | Path | pd.DataFrame, saved: FittedModel) -> R
             f"{lines[first[row]]}, but a record has one value of each condition"))
     extra = [name for name in headings if name not in (*names, "record", abscissa)]
     notes = (f"The model does not read {', '.join(extra)}, which was left out.",) if extra else ()
-    return Request(keys, values, timed, notes)
+    return Request(keys, values, timed, (*notes, *([told] if told and kind.pressure in names else [])))
+
+
+def _find_ambient(saved: FittedModel, gauge: bool | None, ambient: str | float | None) -> tuple[float, str]:
+    """What makes the pressures of a table absolute [Pa], and the sentence on it; '' where there is nothing to say."""
+    stated = saved.ambient_pressure
+    if not gauge:
+        if ambient is not None:
+            raise InputError("the ambient pressure is added to gauge pressures alone; give --gauge, too",
+                             option="--ambient")
+        return 0.0, "" if stated is None or gauge is not None else (
+            f"The pressures were taken as absolute. The campaign states an ambient pressure of {stated:g} Pa: if these "
+            "are gauge pressures as well, give --gauge.")
+    if ambient is not None:
+        with error_place(option="--ambient"):
+            stated = read_known("ambient_pressure", ambient) if isinstance(ambient, str) else float(ambient)
+    if stated is None:
+        raise InputError("gauge pressures need the ambient pressure of the day, and the campaign of the model does not "
+                         "state it; give --ambient '101.3 kPa'", option="--gauge")
+    return stated, f"The ambient pressure of {stated:g} Pa was added to the pressures."
 
 
 def _from_frame(frame: pd.DataFrame) -> Table:
@@ -178,12 +199,16 @@ def _convert(table: Table, named: tuple[str, str | None], name: str, wanted: str
         if unit.dimension != parse_unit(wanted).dimension:
             raise InputError(f"{text!r} is not a unit of {name}, which is in {wanted}")
     except InputError as error:
-        raise InputError(error.problem, file=table.file, column=heading) from None
+        problem = error.problem
+        if "gauge" in problem:
+            problem = f"{text!r} is a gauge pressure; write the plain unit (bar, psi), and give --gauge"
+        raise InputError(problem, file=table.file, column=heading) from None
     return np.asarray(unit.convert(numbers), dtype=float)
 
 
 def predict(model: str | Path | FittedModel | AbstractFitted | ModelWeights,
-            conditions: str | Path | pd.DataFrame) -> pd.DataFrame:
+            conditions: str | Path | pd.DataFrame, *, gauge: bool | None = None,
+            ambient: str | float | None = None) -> pd.DataFrame:
     """Predict records at new conditions: mean, its standard deviation, and that of a new measurement.
 
     Args:
@@ -196,6 +221,9 @@ def predict(model: str | Path | FittedModel | AbstractFitted | ModelWeights,
             a test gives one each, there are none. Of tumbling records the
             body's true rates at t = 0 are conditions: `angular_velocity_x0`, `angular_velocity_y0`,
             `angular_velocity_z0`.
+        gauge: whether its pressures count from the ambient pressure. Where nothing is said they are taken as absolute,
+            and a note says so if the campaign states an ambient pressure.
+        ambient: that pressure, as a text with its unit or in Pa; that of the model's campaign where it is not given.
 
     Returns:
         `record`, `time` or `slip`, and for every channel of the campaign its mean, `<channel>_sd` (of the mean, from
@@ -210,11 +238,11 @@ def predict(model: str | Path | FittedModel | AbstractFitted | ModelWeights,
     """
     if not (isinstance(model, ModelWeights) or is_average(model)):
         saved = take_fitted(model)
-        return _predict_model(saved, lay_times(saved, read_request(conditions, saved)))
+        return _predict_model(saved, lay_times(saved, read_request(conditions, saved, gauge, ambient)))
     names, models, weights = read_rivals(model)
     # Where times are chosen, they are those of the model with the most weight.
     saved = models[int(np.argmax(weights))]
-    request = lay_times(saved, read_request(conditions, saved))
+    request = lay_times(saved, read_request(conditions, saved, gauge, ambient))
     result = average_predictions([_predict_model(one, request) for one in models], weights)
     shares = ", ".join(f"{name} {weight:.2f}" for name, weight in zip(names, weights, strict=True))
     first = (f"The prediction is that of {names[0]}, which has all the weight of the rivals." if len(models) == 1 else
@@ -428,7 +456,8 @@ def read_rivals(average: str | Path | ModelWeights) -> tuple[list[str], list[Fit
 
 
 def predict_pulses(model: str | Path | FittedModel | AbstractFitted | ModelWeights,
-                   conditions: str | Path | pd.DataFrame) -> pd.DataFrame:
+                   conditions: str | Path | pd.DataFrame, *, gauge: bool | None = None,
+                   ambient: str | float | None = None) -> pd.DataFrame:
     r"""Peak force $\max F$, contact duration and impulse $\int F dt$ of impacts at new conditions.
 
     F is what the gauge reads. Deviations are propagated by differences of one standard deviation along the principal
@@ -437,7 +466,7 @@ def predict_pulses(model: str | Path | FittedModel | AbstractFitted | ModelWeigh
     Args:
         model: what `fit`, `discover` or `average` returned, or a folder that they wrote; with weights, values are
             averaged over the rivals.
-        conditions: as of `predict`; times are not read.
+        conditions, gauge, ambient: as of `predict`; times are not read.
 
     Returns:
         One row a record: `record`, and of `peak_normal_force` [N], `contact_duration` [s], `normal_impulse` [N s] (of
@@ -451,9 +480,10 @@ def predict_pulses(model: str | Path | FittedModel | AbstractFitted | ModelWeigh
     """
     if isinstance(model, ModelWeights) or is_average(model):
         _, models, weights = read_rivals(model)
-        return average_predictions([predict_pulses(one, conditions) for one in models], weights)
+        return average_predictions([predict_pulses(one, conditions, gauge=gauge, ambient=ambient) for one in models],
+                                   weights)
     saved = take_fitted(model)
-    request = read_request(conditions, saved)
+    request = read_request(conditions, saved, gauge, ambient)
     if not saved.space.family.has_contact:
         raise InputError(f"the model is of {saved.family} records; peaks, durations and impulses are those of impacts")
     if saved.sampling is None:
