@@ -13,6 +13,7 @@ from scipy.optimize import brentq
 
 import ddetumble as dd
 from ddetumble.cli import main
+from ddetumble.inference.problem import count_steps
 
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -100,6 +101,14 @@ def test_a_start_from_which_the_integration_breaks_down_tells_nothing_of_it(fold
     assert done.returncode == 0 and done.stderr == ""
     content = json.loads((tmp_path / "fit" / "fit.json").read_text(encoding="utf-8"))
     assert content["chi2"] == pytest.approx(fitted.chi2, abs=0.1)
+
+
+def test_the_steps_of_all_starts_are_counted(fitted):
+    problem = fitted.problem
+    with count_steps() as taken:
+        again = [problem.solve(fitted.solution.names, fitted.solution.u + shift) for shift in (0.0, 0.02)]
+    assert taken == [one.steps for one in again] and taken[1] > 0
+    assert fitted.steps > fitted.solution.steps and str(fitted.steps) in fitted.state
 
 
 def test_a_fit_at_a_bound_has_not_converged(folder):

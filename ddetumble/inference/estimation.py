@@ -23,7 +23,7 @@ from .models import ResolvedModel, resolve_effect
 from .noise import Noise
 from .noise_estimation import differs_from_stated, has_more_hum, measure_noise
 from .parameters import ParameterSpace
-from .problem import Problem, Solution
+from .problem import Problem, Solution, count_steps
 from .progressive_horizon import MOST, is_lost, solve_progressively
 from .specification import Prior, Specification, read_specification
 from .stack import hold_conditions, stack_records
@@ -69,7 +69,9 @@ def fit(campaign: Campaign | str | Path, model: Model = "paper", effects: Sequen
                     "title": wanted.title, "seed": wanted.seed}
         try:
             campaign = open_campaign(wanted.campaign)
-            return _fit(campaign, wanted, resolve_model(wanted.model, name_family(campaign)), settings, {}, report)
+            with count_steps() as taken:
+                return _fit(campaign, wanted, resolve_model(wanted.model, name_family(campaign)), settings, {}, report,
+                            taken)
         except InputError as error:
             if error.file is not None:
                 raise
@@ -91,14 +93,15 @@ def fit(campaign: Campaign | str | Path, model: Model = "paper", effects: Sequen
     shown = list(dict.fromkeys([*([e.id for e in resolved.effects] if in_hand else []), *ids]))
     command = [f"ddetumble fit {campaign.name} --model {resolved.name if in_hand else Path(model).name}",
                *(f"--effect {e}" for e in shown)]
-    return _fit(campaign, wanted, resolved, {"command": " ".join(command)}, start or {}, report,
-                [e for e in effects if not isinstance(e, str)], noise if isinstance(noise, Mapping) else None)
+    with count_steps() as taken:
+        return _fit(campaign, wanted, resolved, {"command": " ".join(command)}, start or {}, report, taken,
+                    [e for e in effects if not isinstance(e, str)], noise if isinstance(noise, Mapping) else None)
 
 
 def _fit(campaign: Campaign, wanted: Specification, resolved: ResolvedModel, settings: Mapping,
-         start: Mapping[str, float], report: Progress, classes: Sequence[type[AbstractEffect]] = (),
-         noise: Mapping[str, Noise] | None = None) -> Fit:
-    """Fit what a specification says."""
+         start: Mapping[str, float], report: Progress, taken: Sequence[int],
+         classes: Sequence[type[AbstractEffect]] = (), noise: Mapping[str, Noise] | None = None) -> Fit:
+    """Fit what a specification says; `taken` are the steps of all solutions so far."""
     family = find_family(name_family(campaign), "fit")
     # Classes of all effects of the model: its own first, then those asked for, each once.
     own = {e.id: e for e in classes}
@@ -195,8 +198,8 @@ def _fit(campaign: Campaign, wanted: Specification, resolved: ResolvedModel, set
               *(f"{fault.seen} The fit takes them as they are; `ddetumble discover` leaves them out."
                 for fault in faults if fault.kind not in STAYING)]
     return summarise_fit(campaign, resolved.name, tuple(e.id for e in chosen), problem, best, origin, measured,
-                         settings, wanted.nuisances,
-                         (*warnings, *describe_assumed(space, assumed), *doubts))
+                         settings, wanted.nuisances, (*warnings, *describe_assumed(space, assumed), *doubts),
+                         steps=sum(taken), starts=len(starts))
 
 
 def _fit_reference(problem: Problem, names: Sequence[str], origins: Sequence[np.ndarray], rank: bool,

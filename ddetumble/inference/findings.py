@@ -78,7 +78,7 @@ class Fit(AbstractFitted, AbstractPrinted):
         chi2, degrees, chi2_reduced: sum of squares of whitened residuals, nuisances and priors; degrees of freedom.
         goodness: whether that is more than noise leaves, and whether settings had to move further than stated.
         noise: by channel.
-        converged, steps, state: of the optimiser; `state` is a sentence.
+        converged, steps, state: of the optimiser, its steps from all starts together; `state` is a sentence.
         nuisances: by record and condition: `shift` (SI), `sd` (as stated), `pull` (their ratio); `estimate` and its
             `sd` of what tumbling records start from.
         cannot_tell_apart, remedies: sentences, and measurements that would, with what they are expected to gain.
@@ -309,11 +309,12 @@ class AbstractRivals(abc.ABC):
 
 def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], problem: Problem, found: Bounded,
                   start: np.ndarray, noise: Mapping[str, Noise], settings: Mapping[str, Any], nuisances: bool,
-                  warnings: tuple[str, ...] = ()) -> Fit:
+                  warnings: tuple[str, ...] = (), *, steps: int | None = None, starts: int = 1) -> Fit:
     """Turn a solution `found` of a problem into what people read.
 
     `start` are the coordinates that the fit started from; `nuisances` says whether the conditions moved, `warnings`
-    what is to be told beside. The other arguments are fields of `Fit`.
+    what is to be told beside, `steps` how many were taken from all `starts` and since (those of the solution alone where
+    not given). The other arguments are fields of `Fit`.
     """
     space, solution = problem.space, found.solution
     known = analyse_with_refits(problem, solution)
@@ -336,11 +337,12 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
         away = p.kind != "shape" and u != p.default
         if name not in parameters and (slot.owner is None or slot.owner in effects or away):
             fixed[name] = p.transform.from_unconstrained(u)
-    steps = f"after {solution.steps} step{'s' * (solution.steps != 1)}"
+    steps = solution.steps if steps is None else steps
+    after = f"after {steps} step{'s' * (steps != 1)}" + f" in all, from the best of {starts} starts" * (starts > 1)
     converged = solution.converged and not stopped
-    state = (f"converged {steps}" if converged else
-             f"stopped {steps} at a bound of {' and '.join(stopped)}: no minimum was found inside" if stopped else
-             f"not converged {steps}: the values may change further")
+    state = (f"converged {after}" if converged else
+             f"stopped {after} at a bound of {' and '.join(stopped)}: no minimum was found inside" if stopped else
+             f"not converged {after}: the values may change further")
     if known.undetermined:
         state += "; not all parameters are determined by these records"
     shifts = list_nuisances(problem, solution)
@@ -350,7 +352,7 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
         campaign.name, campaign.title, campaign.sha256, model, effects, parameters, fixed,
         derive_quantities(space, solution.u, gaussians, covariance), covariance, correlations, solution.chi2, degrees,
         solution.chi2 / max(degrees, 1), judge_goodness(solution.chi2, degrees, pulls),
-        problem.records.count, counted, dict(noise), converged, solution.steps, state, shifts, told, remedies,
+        problem.records.count, counted, dict(noise), converged, steps, state, shifts, told, remedies,
         tuple(notes), dict(settings), campaign, problem, found, gaussians,
         measure_bends(problem, found, known.covariance, gaussians))
 

@@ -5,8 +5,10 @@ unknowns with their stated uncertainty as prior, eliminated by the bordered stru
 """
 
 import abc
+import contextlib
 import dataclasses as dc
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextvars import ContextVar
 from functools import partial
 from typing import NamedTuple
 
@@ -30,6 +32,20 @@ FAILED = 1e4
 FAINT = 1e-6  # of derivatives by coordinates in their scales: below it, rounding and the integrator's tolerance
 BLOCK = 3_000_000  # numbers of a Jacobian up to which two are computed side by side
 MIDWAY, COPIES = 8, 4  # times the memory of one record's that is taken on the way; and times that of the whole Jacobian
+
+
+_taken: ContextVar[list[int] | None] = ContextVar("taken", default=None)
+
+
+@contextlib.contextmanager
+def count_steps() -> Iterator[list[int]]:
+    """Collect the number of steps of every solution that is computed inside, starts and refinements alike."""
+    counted: list[int] = []
+    token = _taken.set(counted)
+    try:
+        yield counted
+    finally:
+        _taken.reset(token)
 
 
 class Evaluation(eqx.Module):
@@ -429,6 +445,9 @@ class Problem(AbstractProblem):
                 raise
             raise ComputationError(f"the fit of {', '.join(free) or 'nothing'} broke down: the model could not be "
                                    "integrated on the way; start nearer, or bound the parameters") from error
+        taken = _taken.get()
+        if taken is not None:
+            taken.append(int(steps))
         theta, z_new = np.asarray(theta)[: len(free)], np.asarray(z_new)[:count]
         found = jax.tree.map(lambda x: np.asarray(x)[:count], at)
         u = np.array(base[0])
