@@ -1,6 +1,7 @@
 """The next test and the map: closed forms, gradients, what cannot be separated, sizes that are found, bad input."""
 
 import json
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -9,6 +10,7 @@ import pytest
 
 import ddetumble as dd
 from ddetumble import InputError
+from ddetumble._sentences import say
 from ddetumble.cli import main
 from ddetumble.contact.sliding import RubberFriction
 from ddetumble.effects.slip import AdhesiveOffset, ViscousFriction
@@ -33,7 +35,7 @@ from ddetumble.planning.distinguishability import (
     thinning_factor,
     value_separation,
 )
-from ddetumble.planning.next_test import design
+from ddetumble.planning.next_test import Pair, design, group_pairs
 from ddetumble.planning.setting_ranges import list_extras, set_limits
 from ddetumble.selection.explanations import fit_bias
 from ddetumble.selection.problem import fit_reference, pose_selection
@@ -130,6 +132,9 @@ def test_limits_in_numbers(rivals):
     assert set_limits(saved, {"normal_load": (5, 20.0), "slip_speed": 0.1}) == texts
     with pytest.raises(InputError, match="lower value first"):
         set_limits(saved, {"normal_load": (20.0, 5.0)})
+    for right in ("0.1..0.3 m/s", "0.1 .. 0.3m/s", "1e-1..300e-3 m/s"):
+        (found,) = [one for one in set_limits(saved, {"slip_speed": right}) if one.name == "slip_speed"]
+        assert (found.low, found.high) == (0.1, 0.3)
 
 
 @pytest.mark.slow
@@ -183,6 +188,22 @@ def test_another_speed_is_proposed(rivals, tmp_path, capsys):
 
 
 @pytest.mark.slow
+def test_pairs_are_grouped_by_the_rival_that_is_in_most():
+    """Each pair once; the rival that is distinguished from all others after the fewest tests comes first."""
+    def pair(first, second, repeats):
+        return Pair(first, second, 1.0, repeats)
+
+    separate = [pair("a", "b", 30), pair("c", "d", 3), pair("a", "d", 2), pair("d", "b", 1)]
+    assert group_pairs(separate) == [("d", ("c", "a", "b"), 3), ("a", ("b",), 30)]
+    assert group_pairs([pair("a", "b", None), pair("c", "b", None)]) == [("b", ("a", "c"), 0)]
+    assert group_pairs([]) == []
+    proposal = SimpleNamespace(pairs=separate, split=4, repeats=30)
+    told = say("plan.next_test", rivals=["a", "b", "c", "d"], verdict="explained", best=proposal, test="at X",
+               more={}, most=30, decisive=50.0, little=0.1, reason="", records=[], lacking=False, sensors=[],
+               calibrations=[], distinguished=group_pairs(separate), left=group_pairs([pair("a", "c", None)]))
+    assert "4 of the 4" in told and "d from all others" in told and "3 such tests" in told and "a from c" in told
+
+
 def test_nothing_separates_is_said(rivals):
     """At the old speed no load or pressure parts them, and the design says so."""
     found = design(rivals, limits={"speed": "0.1 m/s"})
@@ -309,6 +330,8 @@ def test_models_to_tell_apart_are_named(rivals, tmp_path, capsys):
     (["--limit", "slip_speed=0.1..1"], "needs a unit"),
     (["--limit", "slip_speed=0.1..1 N"], "does not measure"),
     (["--limit", "slip_speed=fast"], "LOW..HIGH UNIT"),
+    (["--limit", "slip_speed=0.1-0.3 m/s"], "0.1..0.3 m/s"),
+    (["--limit", "slip_speed=0.1 m/s to 0.3 m/s"], "0.1..0.3 m/s"),
     (["--limit", "slip_speed=-1..1 m/s"], "must be positive"),
     (["--limit", "humidity=1..2"], "there is no condition 'humidity'"),
     (["--channel", "pressure: 200 Pa"], "not a channel that could be added"),

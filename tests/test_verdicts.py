@@ -11,6 +11,7 @@ import pytest
 import ddetumble as dd
 from ddetumble.exam.simulators.campaigns import write_package
 from ddetumble.exam.simulators.impact_campaigns import make_campaign
+from ddetumble.families import find_family
 from ddetumble.inference.goodness import combine_p_values
 from ddetumble.measurement.faults import Fault
 from ddetumble.selection.discover import Conclusion, _conclude, _doubt_record, list_exact
@@ -200,3 +201,14 @@ def test_settings_without_a_stated_uncertainty_are_named():
     assert list_exact(campaign) == []
     bare = {n: dc.replace(c, uncertainty=None) for n, c in campaign.conditions.items()}
     assert set(list_exact(dc.replace(campaign, conditions=bare))) == {"initial_pressure", "approach_speed"}
+
+
+@pytest.mark.parametrize(("family", "there", "named", "not_named"), [
+    ("impact", ["normal_force"], ["depression", "pressure"], []),
+    ("impact", ["normal_force", "depression"], ["pressure"], ["depression"]),
+    ("impact", ["normal_force", "depression", "pressure"], ["speeds"], ["channel"]),
+    ("oblique", ["normal_force", "tangential_force", "slip"], ["depression"], ["slip"]),
+    ("tumble", ["angular_velocity_x", "attitude_w"], ["longer"], ["attitude"]), ("slip", [], ["loads"], ["channel"])])
+def test_no_channel_that_a_campaign_has_is_suggested(family, there, named, not_named):
+    told = find_family(family).suggest(there)
+    assert all(name in told for name in named) and not any(name in told for name in not_named)

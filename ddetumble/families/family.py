@@ -5,7 +5,7 @@ the user's own is listed nowhere: it is given as the object or as `FILE.py:NAME`
 """
 
 import dataclasses as dc
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +16,7 @@ from ..contact.effect import AbstractEffect, AbstractModel, family_of
 from ..effects.free import Ground
 from ..measurement.campaign import Campaign
 from ..measurement.kinds import RecordKind
+from ..measurement.quantities import join_words
 from ..reference_models import BuiltinModel
 
 
@@ -156,7 +157,7 @@ class Family:
         view: how records are drawn and spoken of; `view_reversed` where strokes go both ways.
         plan: what tests are like that nobody has made yet.
         ground: what a missing force may depend on; None where it cannot be drawn yet.
-        remedies: what else to measure, in words.
+        remedies: what else to measure, in words, beside the channels that its plan says could be added.
         model_hint: how to make a model of the family of one of another, in words that end a sentence.
         pace: condition that is the change of the independent variable in a second, where that is no time.
         follow: path of a record, from its campaign, its key and its table of samples over time; None where the records
@@ -243,6 +244,13 @@ class Family:
     def folds(self) -> str:
         """What cross-validation leaves out as a whole: `records`, or all those of the same `conditions`."""
         return "records" if self.free_running else "conditions"
+
+    def suggest(self, channels: Collection[str]) -> str:
+        """What else to measure, in words, for a campaign that has these channels: no channel that is there already."""
+        lacking = [name.replace("_", " ") for name in self.plan.added
+                   if not any(there == name or there.startswith(f"{name}_") for there in channels)]
+        return self.remedies + (f", or add the {join_words(lacking)} channel{'s' * (len(lacking) > 1)}" if lacking
+                                else "")
 
     def require_model(self, reference: AbstractModel, campaign: str) -> None:
         """Refuse a reference model of another family than that of the named campaign.

@@ -56,7 +56,7 @@ OBLIQUE = dc.replace(
         noise={**IMPACT.plan.noise, "tangential_force": "0.25 N"},
     ),
     ground=None,
-    remedies="measure at other pressures, speeds and angles, or add the slip and depression channels",
+    remedies="measure at other pressures, speeds and angles",
     model_hint=": make one of it by `Striker(model, CoulombFriction())`",
     check=check_directions,
     values=(),

@@ -313,8 +313,8 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
     """Turn a solution `found` of a problem into what people read.
 
     `start` are the coordinates that the fit started from; `nuisances` says whether the conditions moved, `warnings`
-    what is to be told beside, `steps` how many were taken from all `starts` and since (those of the solution alone where
-    not given). The other arguments are fields of `Fit`.
+    what is to be told beside, `steps` how many were taken from all `starts` and since (if not given, those of the
+    solution alone). The other arguments are fields of `Fit`.
     """
     space, solution = problem.space, found.solution
     known = analyse_with_refits(problem, solution)

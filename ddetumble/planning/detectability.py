@@ -293,8 +293,9 @@ def _describe(bench: SelectionProblem, model: str, groups: Mapping[str, Sequence
     shown = f"{len(effects) - len(unseen)} of {len(effects)}"
     sentence = f"These {bench.records.count} records would detect {shown} effects of the catalogue"
     sentence += f"; they cannot detect {', '.join(unseen)}" if unseen else ""
-    sentence += (f". They could not distinguish {'; '.join(f'{a} and {b}' for a, b in alike)}: {bench.family.remedies}."
-                 if alike else ". They could distinguish any two of these.")
+    sentence += (f". They could not distinguish {'; '.join(f'{a} and {b}' for a, b in alike)}: "
+                 f"{bench.family.suggest(bench.campaign.channels)}." if alike else
+                 ". They could distinguish any two of these.")
     values = join_words([_say_size(n, v["estimate"], v["unit"]) for n in bench.base
                          for v in [bench.space.public(n, bench.start, 0.0)]])
     limits = bench.settings

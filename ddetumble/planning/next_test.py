@@ -391,7 +391,9 @@ def _explain(found: Design, question: Question) -> Design:
                    lacking=found.verdict in OPEN or (found.verdict == "fit" and question.rivals[0].misfit is not None),
                    sensors=sensors if len(found.rivals) > 1 else [],
                    calibrations=[(describe_quantity(one.setting).name, one.bias > 0, abs(one.bias), one.needed)
-                                 for one in found.calibrations])
+                                 for one in found.calibrations],
+                   distinguished=group_pairs([pair for pair in best.pairs if pair.repeats is not None]),
+                   left=group_pairs([pair for pair in best.pairs if pair.repeats is None]))
     notes = tell(
         "plan.next_test_notes", best=best, decisive=DEFAULT.decisive,
         others=[(one, describe_test(one, found.limits)) for one in others],
@@ -402,6 +404,22 @@ def _explain(found: Design, question: Question) -> Design:
         assumed=[f"{one.extra.name} {one.extra.sd:g} {one.extra.unit}".removesuffix(" 1") for one in found.proposals
                  if one.extra is not None and one.extra.assumed])
     return dc.replace(found, sentence=str(sentence), notes=tuple(notes))
+
+
+def group_pairs(pairs: Sequence[Pair]) -> list[tuple[str, tuple[str, ...], int]]:
+    """Pairs by the rival that is in most of them, each pair once: its name, those on the other side, and after how many
+    tests the last of these is distinguished (0 where none is). Those that need the fewest tests come first.
+    """
+    groups, rest = [], list(pairs)
+    while rest:
+        names = [name for pair in rest for name in (pair.first, pair.second)]
+        worst = {name: max(pair.repeats or 0 for pair in rest if name in (pair.first, pair.second)) for name in names}
+        chosen = max(dict.fromkeys(names), key=lambda name: (names.count(name), -worst[name]))
+        own = [pair for pair in rest if chosen in (pair.first, pair.second)]
+        groups.append((chosen, tuple(pair.second if pair.first == chosen else pair.first for pair in own),
+                       worst[chosen]))
+        rest = [pair for pair in rest if pair not in own]
+    return sorted(groups, key=lambda group: group[2])
 
 
 def describe_test(proposal: Proposal, limits: Sequence[Limit], *, ranges: bool = True) -> str:

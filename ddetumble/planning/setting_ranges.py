@@ -102,6 +102,14 @@ def _read_range(name: str, given: Range, source: str) -> tuple[float, float]:
     place = f"{source}{name}"
     if isinstance(given, str):
         match = re.fullmatch(rf"\s*({NUMBER})(?:\s*\.\.\s*({NUMBER}))?\s*([^\d.].*)?", given, re.ASCII | re.DOTALL)
+        # A range as people write it, perhaps with its unit at both ends: `0.1-0.3 m/s`, `0.1 m/s to 0.3 m/s`.
+        loose = re.fullmatch(rf"\s*({NUMBER})\s*([A-Za-z/%]+\s*)??(?:-|–|—|to|:|…|\.\.\.?)\s*({NUMBER})\s*([^\d.].*)?",
+                             given, re.ASCII | re.DOTALL)
+        if loose is not None and (match is None or match[2] is None):
+            alike = (loose[2] or "").strip() in ("", loose[4])
+            meant = f"{loose[1]}..{loose[3]} {loose[4] or si_unit(name)}".removesuffix(" 1")
+            raise InputError(f"{place} takes LOW..HIGH UNIT" + (
+                f"; write it like '{meant}'" if alike else f", with one unit for both ends, not {given!r}"))
         if match is None:
             raise InputError(f"{place} takes LOW..HIGH UNIT, such as '0.2..2 {si_unit(name)}', not {given!r}")
         if not match[3] and si_unit(name) != "1":

@@ -133,7 +133,7 @@ def tell_discovery(found: Discovery, family: Family, left_out: Sequence[str], un
             parts.append(say("verdict.where", place=describe_place(found.where[0], view)))
         alike = [one for one in list_choices(found) if one[1]]
         if alike:
-            parts.append(say("verdict.alike", choices=alike, remedies=family.remedies))
+            parts.append(say("verdict.alike", choices=alike, remedies=family.suggest(found.noise)))
         elif found.verdict == "explained":
             parts.append(say("verdict.unique", folds=folds))
         needs = {effect.id: effect.requires for effect in family.catalogue}
@@ -258,7 +258,8 @@ def _tell_verdict(found: Discovery, family: Family, folds: str) -> Sentence:
     if found.verdict == "undecided" and lack.rejected:
         return say("verdict.undecided", model=model, records=records, conditions=conditions, before=before, p=p,
                    sufficient=[c.effect for c in found.candidates if c.explains > settings.largest_part],
-                   needed="two records" if family.free_running else "three conditions", remedies=family.remedies)
+                   needed="two records" if family.free_running else "three conditions",
+                   remedies=family.suggest(found.noise))
     if found.verdict == "undecided":
         return say("verdict.too_few", records=records)
     if found.verdict == "explained" and found.irregular:
