@@ -9,6 +9,22 @@ from collections.abc import Callable, Sequence
 Progress = Callable[[str, float], object]
 
 
+WORTH_TELLING = 10.0  # s: what is left of a shorter work needs no estimate
+
+
+def nest_progress(report: Progress, title: str, low: float, high: float) -> Progress:
+    """The report of a part of the work: its messages behind a title, and its fractions between `low` and `high`."""
+    return lambda text, share: report(f"{title}: {text}", low + (high - low) * share)
+
+
+def tell_left(elapsed: float, done: int, count: int) -> str:
+    """`, about 40 s left`, by the pace of what is done of `count` after so many seconds; '' where little is left."""
+    left = elapsed / max(done, 1) * (count - done)
+    if not left >= WORTH_TELLING:
+        return ""
+    return f", about {5 * round(left / 5)} s left" if left < 90.0 else f", about {left / 60:.0f} min left"
+
+
 class AbstractPrinted(abc.ABC):
     """A result that is printed by `str`, and by a notebook as HTML."""
 

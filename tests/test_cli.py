@@ -11,6 +11,7 @@ import pytest
 import typer
 
 import ddetumble as dd
+from ddetumble._display import nest_progress, tell_left
 from ddetumble._errors import ComputationError, InputError
 from ddetumble._settings import find_data, list_shipped
 from ddetumble.cli import app, main
@@ -208,6 +209,34 @@ def test_progress_in_a_pipe(capsys):
         for k in "abcdefghijklmnopqrst":
             report(k)
     assert len(capsys.readouterr().err.splitlines()) == 10
+
+
+def test_long_work_is_never_silent(capsys, monkeypatch):
+    """What it is at is told again, in hours of work less and less often."""
+    now = [0.0]
+    monkeypatch.setattr("ddetumble.cli.progress.time.monotonic", lambda: now[0])
+    with show_progress("working") as report:
+        for k in range(7200):
+            now[0] = float(k)
+            report(f"stage {k % 30}: {k}")
+            if k == 600:
+                told = len(capsys.readouterr().err.splitlines())
+                assert 8 < told < 20
+    assert 5 < len(capsys.readouterr().err.splitlines()) < 20
+
+
+@pytest.mark.parametrize(("elapsed", "done", "count", "told"), [
+    (10.0, 1, 1, ""), (1.0, 1, 5, ""), (20.0, 10, 30, "40 s"), (60.0, 1, 11, "10 min"), (0.0, 0, 20, "")])
+def test_the_time_left_is_told_by_the_pace(elapsed, done, count, told):
+    found = tell_left(elapsed, done, count)
+    assert told in found and bool(told) == bool(found)
+
+
+def test_a_part_of_the_work_reports_within_its_share():
+    seen = []
+    report = nest_progress(lambda text, share: seen.append((text, share)), "outer", 0.5, 0.7)
+    report("inner", 0.5)
+    assert seen == [("outer: inner", pytest.approx(0.6))]
 
 
 @pytest.mark.parametrize("words", [[], ["--quiet"], ["-q"]])

@@ -173,9 +173,15 @@ def test_a_second_start_where_the_first_led_astray():
               ("bump.a", {"bump.q": 2.0}, 4.0, 0.3), ("settling.a", {}, 5.0, 0.4)]
     bench = Scripted({"ripple": [None], "echo": [(1.5, True), "end"], "bump": [None, "end"], "settling": [(0.5, True)]},
                      scores)
-    shares = []
-    found = try_effects(bench.selection, bench.fitted, bench.scores, lambda text, share: shares.append(share))
-    assert shares == pytest.approx([0.25, 0.5, 0.75, 1.0, 1.0, 1.0])
+    shares, told = [], []
+
+    def report(text, share):
+        shares.append(share)
+        told.append(text)
+
+    found = try_effects(bench.selection, bench.fitted, bench.scores, report)
+    assert "ripple" in told[0] and "1 of 4" in told[0] and "4 of 4" in told[3]
+    assert shares == pytest.approx([0.25, 0.5, 0.75, 1.0, 1.0, 1.0, 1.0])
     bump = {"bump.q": 2.0, "bump.a": pytest.approx(0.3)}
     assert bench.asked[4:] == [("echo", {"echo.a": pytest.approx(-0.7)}), ("bump", bump)]
     lower = bench.fitted.solution.chi2
@@ -215,7 +221,7 @@ def test_candidates_are_compared_with_what_they_were_screened_beside():
     assert bench.further[0] == (None, {"screening": True}) and found.before is bench.fitted
     shares = []
     try_effects(bench.selection, bench.fitted, (), lambda text, share: shares.append(share))
-    assert shares == pytest.approx([0.25, 0.5, 0.75, 1.0])
+    assert shares == pytest.approx([0.25, 0.5, 0.75, 1.0, 1.0])
 
 
 def test_the_best_is_passed_over():
@@ -238,7 +244,7 @@ class Steps:
     def __init__(self, monkeypatch, additions, worse=(), noise=(), **settings):
         self.additions, self.asked, self.passed = list(additions), [], []
         monkeypatch.setattr(forward_selection, "add_effect", self.add)
-        monkeypatch.setattr(forward_selection, "try_effects", lambda s, current, scores: tuple(
+        monkeypatch.setattr(forward_selection, "try_effects", lambda s, current, scores, report: tuple(
             e.id for e in s.catalogue if e.id not in current.effects))
         monkeypatch.setattr(forward_selection, "predicts_better", lambda s, current, grown: (
             grown.effects not in worse and (grown.effects, s.name) not in worse))
@@ -273,7 +279,7 @@ class Steps:
                 return SimpleNamespace(rejected=True), []
         return Posed(name, noise, settings)
 
-    def add(self, selection, current, tried):
+    def add(self, selection, current, tried, report=None):
         """The next addition."""
         self.asked.append((current.fitted.effects, tried))
         effects, score, rejected = self.additions.pop(0) if self.additions else (None, 0.0, False)
@@ -541,7 +547,7 @@ def test_the_search_under_another_scatter_of_settings(monkeypatch, estimates, op
 
     path = Path(Loose(list(estimates), options.get("random", True)), (step(options.get("rejected", True)),), None, True)
     monkeypatch.setattr(forward_selection, "_would_do", lambda selection, fitted: options.get("would", True))
-    monkeypatch.setattr(forward_selection, "select_effects", lambda selection, reference: Path(
+    monkeypatch.setattr(forward_selection, "select_effects", lambda selection, reference, report: Path(
         selection, (step(True), step(options.get("left", False))), None, True))
     found = allow_scatter(path)
     assert (found is path) == (spread is None)

@@ -16,7 +16,9 @@ from .interrupts import undone_by
 Report = Callable[..., None]
 quiet_now: ContextVar[bool] = ContextVar("quiet", default=False)  # whether a command is to print no progress
 MOST = 12  # lines of a command, so that a log stays readable
-AGAIN = 30.0  # s after which a stage that has been told is told once more, as a reader then wonders whether it goes on
+# After so many seconds a stage that has been told is told once more, as a reader then wonders whether it goes on; in
+# long work after this share of the time since it began, so that a log of hours stays readable, too.
+AGAIN, SHARE = 30.0, 0.2
 
 
 @contextmanager
@@ -55,18 +57,19 @@ def show_progress(title: str) -> Iterator[Report]:
 
 
 def _make_lines() -> Report:
-    """A report that prints a line where a stage begins, and again where it lasts, up to the most of them."""
-    lock, told, last = threading.Lock(), set(), 0.0
-    left = MOST
+    """A report that prints a line where a stage begins, up to the most of them, and after a while what it is at."""
+    lock, told, began = threading.Lock(), set(), time.monotonic()
+    left, last = MOST, 0.0
 
     def report(message: str, fraction: float | None = None) -> None:
         nonlocal left, last
         stage = re.sub(r"\d+(\.\d+)?", "", message.partition(":")[0])
         with lock:  # effects are tried in several threads
             now = time.monotonic()
-            if not left or (stage in told and now - last < AGAIN):
+            new = left > 0 and stage not in told
+            if not new and now - last < max(AGAIN, SHARE * (now - began)):
                 return
-            left, last = left - 1, now
+            left, last = left - new, now
             told.add(stage)
             with suppress(OSError):  # nobody is listening
                 print(f"ddetumble: {message} …", file=sys.stderr, flush=True)

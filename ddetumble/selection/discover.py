@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses as dc
+import math
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -10,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from .._display import Progress
+from .._display import Progress, nest_progress
 from .._errors import ComputationError, InputError
 from .._sentences import say
 from .._settings import forget_programs
@@ -20,6 +21,7 @@ from ..inference.archive import Model, resolve_model
 from ..inference.models import ResolvedModel
 from ..measurement.campaign import Campaign, count_conditions
 from ..measurement.plausibility import check_plausibility
+from ..measurement.quantities import describe_quantity
 from ..measurement.units import Uncertainty
 from .bias import SettingBias, find_bias, matches_effects, stand_in
 from .describe import describe_candidates, describe_noise, describe_spread, describe_step, list_loose, make_fit
@@ -90,7 +92,7 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     if not questions:
         report("asking whether pressures and diameters are stated rightly", 0.877)
         restated = find_restatement(state.campaign, path, lambda campaign: begin(campaign, state.zeros),
-                                    shared is not None, settings)
+                                    shared is not None, settings, report)
         if restated is not None:
             one, beside = restated
             questions = (say(f"verdict.{one.macro}", **one.facts, effects=list(beside), model=repr(asked.name)),)
@@ -98,7 +100,8 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     open_ended = len(path.steps[-1].fitted.effects) >= settings.effects_before_rivals or path.keep_physical()[1]
     if open_ended and not path.is_explained() and not questions:
         report("trying the other reference models", 0.88)
-        others = _search_beside(_fit_references(asked, begin, state, path.steps[0].fitted, settings), settings)
+        fits = _fit_references(asked, begin, state, path.steps[0].fitted, settings, report)
+        others = _search_beside(fits, settings, report)
         # Where no condition can be left out, nothing confirms the effects beside another reference model: only one that
         # needs none of them counts. Of several the one with the fewest parameters. Where effects beyond physics leave
         # no misfit, as a wrong range does, another model with more parameters than theirs only imitates them.
@@ -118,7 +121,7 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     last = end.steps[-1].fitted.solution
     if end.verdict in OPEN and not others and path.selection.reduce_chi2(last) > settings.far:
         report("fitting the other reference models by themselves", 0.96)
-        fits = _fit_references(asked, begin, state, path.steps[0].fitted, settings)
+        fits = _fit_references(asked, begin, state, path.steps[0].fitted, settings, report)
         reached = {n: (one, FittedStep(alone, *one.test_lack_of_fit(alone))) for n, one, alone in fits}
     report("writing it down", 0.97)
     selection, steps, verdict = path.selection, end.steps, end.verdict
@@ -163,7 +166,8 @@ def _select_from_clean(begin: Begin, state: Cleaned, settings: SelectionSettings
     """Forward selection on the campaign without its faults; what is found to be one begins it again."""
     def search_again(campaign):
         report("looking behind a record", 0.87)
-        path = allow_wander(allow_scatter(select_effects(*begin(campaign, state.zeros))))
+        inner = nest_progress(report, "looking behind a record", 0.87, 0.87)
+        path = allow_wander(allow_scatter(select_effects(*begin(campaign, state.zeros), inner), inner), inner)
         last = path.steps[-1]
         return (path.selection, last.fitted) if last.lack.smooth_p_value > settings.level_each else None
 
@@ -207,7 +211,8 @@ def _allow_bias(path: Path, begin: Begin, state: Cleaned, report: Progress) -> t
     report("allowing for a setting that is wrong alike in all records", 0.872)
     column = dc.replace(state.campaign.conditions[seen.name], common=Uncertainty(relative=settings.bias))
     campaign = dc.replace(state.campaign, conditions={**state.campaign.conditions, seen.name: column})
-    found = allow_scatter(select_effects(*begin(campaign, state.zeros)), report)
+    inner = nest_progress(report, f"with the {describe_quantity(seen.name).name} wrong alike", 0.872, 0.872)
+    found = allow_scatter(select_effects(*begin(campaign, state.zeros), inner), inner)
     before, last = last, found.steps[-1]
     # An error that effects were dropped for must not bring others in.
     if last.lack.rejected or (not before.lack.rejected and len(found.steps) >= len(path.steps)):
@@ -367,8 +372,8 @@ def list_exact(campaign: Campaign) -> list[str]:
             if column.uncertainty is None and column.unit not in ("", "1") and len(set(campaign.records[name])) > 1]
 
 
-def _fit_references(asked: ResolvedModel, begin: Begin, state: Cleaned, own: Fitted, settings: SelectionSettings
-                    ) -> list[tuple[str, SelectionProblem, Fitted]]:
+def _fit_references(asked: ResolvedModel, begin: Begin, state: Cleaned, own: Fitted, settings: SelectionSettings,
+                    report: Progress) -> list[tuple[str, SelectionProblem, Fitted]]:
     """Fits of every other built-in reference model of the family that does not fit far worse by itself than the one
     that was asked for, whose fit is `own`; with their names, the best first."""
     def identify(reference):  # what makes two reference models one
@@ -379,6 +384,7 @@ def _fit_references(asked: ResolvedModel, begin: Begin, state: Cleaned, own: Fit
         reference = built.make()
         if not built.rival or identify(reference) in known:
             continue
+        report(f"fitting other reference models: {name}", math.nan)
         try:
             selection, alone = begin(state.campaign, state.zeros, reference, ())
         except (ComputationError, InputError):
@@ -391,13 +397,14 @@ def _fit_references(asked: ResolvedModel, begin: Begin, state: Cleaned, own: Fit
     return sorted(fitted, key=lambda one: one[2].merit)
 
 
-def _search_beside(fits: Sequence[tuple[str, SelectionProblem, Fitted]], settings: SelectionSettings
-                   ) -> dict[str, Path]:
+def _search_beside(fits: Sequence[tuple[str, SelectionProblem, Fitted]], settings: SelectionSettings,
+                   report: Progress) -> dict[str, Path]:
     """Forward selection beside the best of other reference models, by their names."""
     found = {}
     for name, selection, alone in fits[: settings.rival_references]:
         with contextlib.suppress(ComputationError):
-            found[name] = select_effects(selection, alone)
+            found[name] = select_effects(selection, alone, nest_progress(
+                report, f"with the reference model {name}", 0.88, 0.88))
     return found
 
 

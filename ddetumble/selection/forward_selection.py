@@ -5,11 +5,12 @@ cross-validate, choose, exchange earlier choices while that predicts better, tak
 """
 
 import dataclasses as dc
+import time
 from collections.abc import Sequence
 
 import numpy as np
 
-from .._display import Progress
+from .._display import Progress, nest_progress, tell_left
 from .._numerics import map_threads
 from ..inference import distributions as stats
 from ..inference.assembly import default_starts
@@ -96,13 +97,18 @@ def extend_path(path: Path, most: int, report: Progress = lambda text, share: No
         most = min(most, selection.settings.effects_of_values)
     tried = path.tried if len(steps) == 1 else None
     while steps[-1].lack.rejected and len(steps) <= most:
-        report("growing the model", min(0.6 + 0.1 * len(steps), 0.85))
+        share = min(0.6 + 0.1 * len(steps), 0.85)
         current = steps[-1]
+
+        def tell(text, _, share=share):
+            report(text, share)
+
+        tell(f"growing the model: {' + '.join(current.fitted.effects) or 'no effect'} so far", 0.0)
         if tried is None:
             if {e.id for e in selection.catalogue} <= set(current.fitted.effects):
                 break
-            tried = try_effects(selection, current.fitted, current.scores)
-        wider, more = add_effect(selection, current, tried)
+            tried = try_effects(selection, current.fitted, current.scores, tell)
+        wider, more = add_effect(selection, current, tried, tell)
         if more is None:
             break
         if more.fitted.effects == current.fitted.effects:
@@ -146,8 +152,8 @@ def extend_path(path: Path, most: int, report: Progress = lambda text, share: No
     return dc.replace(path, selection=selection, steps=tuple(steps))
 
 
-def add_effect(selection: SelectionProblem, current: FittedStep, tried: CandidateFits
-               ) -> tuple[SelectionProblem, FittedStep | None]:
+def add_effect(selection: SelectionProblem, current: FittedStep, tried: CandidateFits,
+               report: Progress = lambda text, share: None) -> tuple[SelectionProblem, FittedStep | None]:
     """Add the effect of `tried` that helps most; None where none helps. With two or more effects, exchanges are tried
     too; shapes are freed, and what has become needless is taken back."""
     base, chosen = current.fitted, tried.refined[tried.order[0]]
@@ -155,7 +161,7 @@ def add_effect(selection: SelectionProblem, current: FittedStep, tried: Candidat
         return selection, None
     selection = free_chosen(selection, chosen)
     if len(chosen.effects) > 1:
-        selection, chosen, tried, base = exchange_effects(selection, chosen, tried, base)
+        selection, chosen, tried, base = exchange_effects(selection, chosen, tried, base, report)
     lack, scores = selection.test_lack_of_fit(chosen)
     step = FittedStep(chosen, lack, scores, tried, find_alternatives(selection, tried, base))
     if step.lack.rejected:
@@ -245,13 +251,15 @@ def try_effects(selection: SelectionProblem, current: Fitted, scores: Sequence[S
     screened: dict[str, Fitted] = {}
     far: list[Fitted] = []
     done: list[str] = []
+    beside, began = f" beside {' + '.join(current.effects)}" if current.effects else "", time.monotonic()
 
     def begin(job):
         effect, start = job
         fitted = selection.fit((*current.effects, effect), [start], before.solution.u, before.solution.z,
                                screening=True)
         done.append(effect)
-        report(f"refitting with every effect: {effect}", min(len(done) / count, 1.0))
+        told, left = min(len(done), count), tell_left(time.monotonic() - began, len(done), count)
+        report(f"refitting with every effect{beside}: {effect}, {told} of {count}{left}", told / count)
         return fitted
 
     def go_on(fitted):
@@ -287,6 +295,7 @@ def try_effects(selection: SelectionProblem, current: Fitted, scores: Sequence[S
     for effect in filter(is_above, effects):
         screened[effect] = dc.replace(before, effects=(*current.effects, effect))
     order = sorted(effects, key=lambda e: (screened[e].merit, screened[e].solution.chi2))
+    report(f"fitting the best effects{beside} to the end", 1.0)
     refined = refine(selection, current, screened, before, order)
     beyond = {e: is_beyond(selection, current, refined[e]) for e in refined}
     # Where nothing helps within its limits, what fits beyond them may stand in for two effects that are both missing.
@@ -436,7 +445,8 @@ def allow_scatter(path: Path, report: Progress = lambda text, share: None) -> Pa
         if not _would_do(selection, last):
             break
         reference = selection.repeat(path.steps[0].fitted)
-        found = select_effects(selection.span(reference.solution), reference)
+        found = select_effects(selection.span(reference.solution), reference,
+                               nest_progress(report, "with settings that scatter more than stated", 0.87, 0.87))
     last = found.steps[-1]
     if not found.selection.spread or last.lack.rejected or not found.selection.is_scatter(last.fitted):
         return path
@@ -477,7 +487,8 @@ def allow_wander(path: Path, report: Progress = lambda text, share: None) -> Pat
     if not _would_do(wider, last.fitted):
         return path
     reference = wider.repeat(path.steps[0].fitted)
-    found = allow_scatter(select_effects(wider.span(reference.solution), reference), report)
+    found = allow_scatter(select_effects(wider.span(reference.solution), reference, nest_progress(
+        report, "with baselines that wander", 0.875, 0.875)), report)
     last = found.steps[-1]
     if last.lack.rejected:
         return path
@@ -496,7 +507,8 @@ def free_chosen(selection: SelectionProblem, chosen: Fitted) -> SelectionProblem
     return selection.free([name for name in held if name in chosen.solution.names])
 
 
-def exchange_effects(selection: SelectionProblem, chosen: Fitted, tried: CandidateFits, base: Fitted
+def exchange_effects(selection: SelectionProblem, chosen: Fitted, tried: CandidateFits, base: Fitted,
+                     report: Progress = lambda text, share: None
                      ) -> tuple[SelectionProblem, Fitted, CandidateFits, Fitted]:
     """Exchange each earlier effect for any other while that predicts left-out conditions better.
 
@@ -509,7 +521,7 @@ def exchange_effects(selection: SelectionProblem, chosen: Fitted, tried: Candida
             if start is None:
                 continue
             _, scores = selection.test_lack_of_fit(start)
-            again = try_effects(selection, start, scores)
+            again = try_effects(selection, start, scores, report)
             best = again.refined[again.order[0]]
             fewer = len(best.solution.names) < len(chosen.solution.names)
             least = selection.settings.tie if fewer else selection.settings.significant

@@ -8,6 +8,7 @@ import dataclasses as dc
 from collections.abc import Callable
 from typing import Any
 
+from .._display import Progress, nest_progress
 from .._errors import ComputationError
 from ..measurement.campaign import Campaign
 from .data_errors import AMBIENT
@@ -58,7 +59,8 @@ def add_atmosphere(campaign: Campaign) -> Campaign | None:
 
 
 def find_restatement(campaign: Campaign, path: Path, begin: Callable[[Campaign], tuple[SelectionProblem, Fitted]],
-                     shared: bool, settings: SelectionSettings) -> tuple[Restatement, tuple[str, ...]] | None:
+                     shared: bool, settings: SelectionSettings, report: Progress = lambda text, share: None
+                     ) -> tuple[Restatement, tuple[str, ...]] | None:
     """What was stated wrongly throughout a campaign, if anything, and the ids of the effects that are missing then;
     None where nothing stated otherwise is a better explanation than what was found of it as it is written down.
 
@@ -83,7 +85,8 @@ def find_restatement(campaign: Campaign, path: Path, begin: Callable[[Campaign],
                 found.append((reference.merit, restated, ()))
         elif not explained or len(last.effects) + shared > 1:
             listed = tuple(e for e in selection.catalogue if e.id in last.effects) if explained else selection.catalogue
-            again = select_effects(dc.replace(selection, catalogue=listed), reference, most=1)
+            again = select_effects(dc.replace(selection, catalogue=listed), reference,
+                                   nest_progress(report, "stated otherwise", 0.877, 0.877), most=1)
             grown = again.steps[-1].fitted
             whole = dc.replace(again.selection, catalogue=selection.catalogue)
             complete = again.is_explained() and not whole.test_lack_of_fit(grown)[0].rejected
