@@ -152,7 +152,7 @@ def add_clock(raw: RawFile, rate: float, name: str) -> RawFile:
     """A file without times as one whose samples are evenly spaced: the column `name` with times from zero on, of a
     recording one for each length of its channels; `rate` in samples a second.
     """
-    columns, units = {name: np.arange(len(raw)) / rate} | raw.columns, {name: "s"} | raw.units
+    columns, units = {name: np.arange(len(raw)) / rate, **raw.columns}, {name: "s", **raw.units}
     if not isinstance(raw, Recording):
         return replace(raw, columns=columns, units=units)
     clocks = {one: np.arange(len(cells)) / rate for one, cells in raw.columns.items() if len(cells) != 1}
