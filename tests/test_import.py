@@ -410,6 +410,24 @@ def test_the_unit_that_a_file_states_is_kept_and_asked_about(tmp_path):
         assert {unit for name, _, unit in doubt.mistakes if name == "initial_pressure"} == {"kPa"}
 
 
+def test_the_unit_of_gauge_pressures_is_asked_about(tmp_path):
+    """The ambient pressure that was added to them is no part of the mistake."""
+    for i in range(3):
+        time, force = raw_trace(seed=i)
+        write(tmp_path / f"shot{i}.csv", raw_text([time, force], ["t [s]", "Fz [N]"]))
+    rows = "shot0,42,0.4\nshot1,43,0.4\nshot2,44,0.4\n"
+    for stated in ("kPa", "MPa", "psi"):
+        table = write(tmp_path / "settings.csv", f"file,p0 [{stated}],v [m/s]\n{rows}")
+        campaign = import_tests(sorted(tmp_path.glob("shot*.csv")), conditions=table, gauge=True, ambient="1 bar")
+        again = read_campaign(write_campaign(tmp_path / "out", campaign, overwrite=True).path)
+        for one in (campaign, again):
+            assert one.column("initial_pressure").gauge and not one.column("normal_force").gauge
+            (doubt,) = check_plausibility(one)
+            assert ("initial_pressure", "bar", stated) in doubt.mistakes
+        twice = write_campaign(tmp_path / "out", again, overwrite=True)
+        assert twice.column("initial_pressure") == again.column("initial_pressure")
+
+
 @pytest.mark.parametrize(("name", "near"), [
     ("diameter", "outer_diameter"), ("outer diameter", "outer_diameter"), ("mass", "effective_mass"),
     ("restitutoin", "restitution"), ("colour", "effective_mass")])

@@ -27,12 +27,13 @@ class _Open(BaseModel):
 
 class FieldModel(_Open):
     """One column of a table: the Table Schema's field with units, uncertainties, `reference` and `assumed`, and
-    the unit that the imported file stated."""
+    what the imported file stated."""
 
     name: Name
     type: StrictStr | None = None
     unit: StrictStr | None = None
     stated_unit: StrictStr = ""
+    stated_reference: Literal["gauge", "absolute"] | None = None
     uncertainty: Number = None
     common_uncertainty: Number = None
     reference: Literal["gauge", "absolute"] | None = None

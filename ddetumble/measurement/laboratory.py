@@ -453,7 +453,8 @@ def _assemble(tests: list[RawTest], plan: Plan, options: dict, noise: dict[str, 
                 check_values(name, test.values[name], test, "samples", own.get(name), plan.headings.get(name, name))
     samples = pd.concat([pd.DataFrame({"record": test.key} | test.values) for test in tests], ignore_index=True)
     columns = {name: Column(name, unit, own.get(name), description=described.get(name, ""), common=shared.get(name),
-                            stated=plan.stated.get(name, ""))
+                            stated=plan.stated.get(name, ""),
+                            gauge=plan.ambient is not None and name in ("pressure", kind.pressure))
                for name, unit in units.items()}
     keys = pd.Index([test.key for test in tests], name="record", dtype=object)
     return Campaign(

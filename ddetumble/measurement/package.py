@@ -190,7 +190,7 @@ def _describe_field(field: FieldModel, resource: str, known: dict, notes: list[s
         notes.append(f"The gauge pressures of {name} were made absolute with the stated ambient_pressure.")
     if field.assumed:
         notes.append(f"The column {name} is marked as an assumption, not a measurement.")
-    gauge = field.reference == "gauge"
+    gauge = "gauge" in (field.reference, field.stated_reference)
     stated = field.stated_unit or (unit.text if unit.scale != 1.0 else "")
     return Column(name, unit.si, uncertainty, gauge, field.assumed, field.description, common, stated=stated), offset
 
@@ -290,6 +290,8 @@ def _describe(column: Column) -> dict:
         field["unit"] = column.unit
         if column.stated:
             field["stated_unit"] = column.stated
+        if column.gauge:
+            field["stated_reference"] = "gauge"
     for key, uncertainty in (("uncertainty", column.uncertainty), ("common_uncertainty", column.common)):
         if uncertainty is None:
             continue
@@ -302,5 +304,6 @@ def _describe(column: Column) -> dict:
     if column.assumed:
         field["assumed"] = True
     gauge = "Measured relative to the ambient pressure; absolute here."
-    description = f"{column.description} {gauge if column.gauge and 'gauge' not in column.description else ''}".strip()
+    told = not column.gauge or gauge in column.description or "gauge" in column.description
+    description = column.description if told else f"{column.description} {gauge}".strip()
     return field | ({"description": description} if description else {})

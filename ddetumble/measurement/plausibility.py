@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .campaign import Campaign
+from .campaign import Campaign, Column
 from .kinds import Size, find_kind
 from .units import parse_unit, role_of, si_unit
 
@@ -120,8 +120,10 @@ def _check_sizes(campaign: Campaign, ranges: Ranges) -> tuple[Implausibility, ..
     mistakes, relations = [], [name for name in odd if " over " in name]
     for column in _SUSPECTS:
         if all(column in sizes[name].powers for name in odd):
-            mistakes += _list_mistakes(column, sizes, len(relations) == len(odd), ranges,
-                                       _find_stated(campaign, column))
+            stated = _find_stated(campaign, column)
+            ambient = campaign.known.get("ambient_pressure") or 0.0
+            mistakes += _list_mistakes(column, sizes, len(relations) == len(odd), ranges, stated.stated,
+                                       ambient if stated.gauge else 0.0)
     if mistakes:
         return (_ask(odd[0], sizes[odd[0]], tuple(mistakes), ranges),)
     # A relation of several columns is the more doubtful: it is told only where nothing else is.
@@ -133,13 +135,13 @@ def _is_within(value: float, limits: tuple[float, float]) -> bool:
     return limits[0] <= value <= limits[1]
 
 
-def _find_stated(campaign: Campaign, column: str) -> str:
-    """The unit that a campaign's file states for a column, or for the first of several components; "" if none."""
+def _find_stated(campaign: Campaign, column: str) -> Column:
+    """What a campaign's file states for a column, or for the first of several components."""
     columns = {**campaign.conditions, **campaign.channels}
     if campaign.independent is not None:
         columns[campaign.independent.name] = campaign.independent
     names = [f"{column}_x", f"{column}_y", f"{column}_z", column]
-    return next((one.stated for name, one in columns.items() if name in names), "")
+    return next((one for name, one in columns.items() if name in names), Column(column, ""))
 
 
 def _list_pairs(column: str, stated: str) -> list[tuple[str, str]]:
@@ -153,15 +155,17 @@ def _list_pairs(column: str, stated: str) -> list[tuple[str, str]]:
     if own.dimension != parse_unit(pairs[0][0]).dimension:
         return []
     usual = [actual for actual, other in pairs if parse_unit(other).scale == own.scale]
-    units = usual or [one for one in dict.fromkeys(one for pair in pairs for one in pair)
-                      if parse_unit(one).scale != own.scale]
-    return [(actual, stated) for actual in units]
+    if not usual or role_of(column) == "pressure":  # which may be in any unit; the stiffness of the gas tells
+        usual += [one for one in dict.fromkeys(one for pair in pairs for one in pair)
+                  if parse_unit(one).scale != own.scale and one not in usual]
+    return [(actual, stated) for actual in usual]
 
 
-def _list_mistakes(column: str, sizes: Mapping[str, Size], doubtful: bool, ranges: Ranges, stated: str
-                   ) -> list[tuple[str, str, str]]:
+def _list_mistakes(column: str, sizes: Mapping[str, Size], doubtful: bool, ranges: Ranges, stated: str,
+                   ambient: float = 0.0) -> list[tuple[str, str, str]]:
     """Wrong units of one column that would explain all sizes; where only relations are odd, they have to do it well.
-    `stated` is the unit that the file states for it, "" where nothing tells.
+    `stated` is the unit that the file states for it, "" where nothing tells, and `ambient` what was added to its values
+    to make gauge pressures absolute [Pa].
 
     Several where the sizes leave it open which, as of kPa, bar and psi: those first that bring ratios of columns
     nearest to their typical values.
@@ -169,6 +173,8 @@ def _list_mistakes(column: str, sizes: Mapping[str, Size], doubtful: bool, range
     found, good, gas = {}, [], "stiffness over that of the gas"
     for actual, wrong in _list_pairs(column, stated):
         factor = parse_unit(actual).scale / parse_unit(wrong).scale
+        if ambient and column in sizes:
+            factor = (factor * (sizes[column].value - ambient) + ambient) / sizes[column].value
         corrected = {name: size.value * factor ** size.powers.get(column, 0) for name, size in sizes.items()}
         strictly = gas not in corrected or _is_within(corrected[gas], CORRECTED)
         odd = gas in sizes and not _is_within(sizes[gas].value, ranges[gas])
