@@ -1,9 +1,10 @@
-"""From the shell's point of view: the first ever `fit`, `compare` and `discover`, the second ones, and `--help`.
+"""From the shell's point of view: first and second `fit`, `compare`, `discover`, `sample` and `plan`, and `--help`.
 
     python -m benchmarks.startup [CAMPAIGN] [--repeats 3] [-o result.json]
 
 Every run is a process of its own. The first one finds an empty folder for compiled programs, the second one what the
-first one of that command left there. Each writes its folder with page and figures.
+first one of that command left there. Each writes its folder with page and figures; `plan` plans the one impact of the
+paper's first case.
 """
 
 import argparse
@@ -19,7 +20,8 @@ from benchmarks.records import ROOT, describe_machine, print_table, summarise, w
 from ddetumble import read_campaign
 
 
-COMMANDS = ("fit", "compare", "discover")
+SCENARIO = ROOT / "data" / "scenarios" / "paper-case-1.toml"
+COMMANDS = ("fit", "compare", "discover", "sample", "plan")
 
 
 def main(arguments=None):
@@ -40,7 +42,8 @@ def main(arguments=None):
         for name in COMMANDS:
             print(f"first and second {name}, {k + 1} of {options.repeats} ...", file=sys.stderr, flush=True)
             with tempfile.TemporaryDirectory() as folder:
-                command = [name, str(campaign), "-o", str(Path(folder) / "found"), "--overwrite"]
+                what = SCENARIO if name == "plan" else campaign
+                command = [name, str(what), "-o", str(Path(folder) / "found"), "--overwrite"]
                 for start in times[name]:
                     times[name][start].append(run(command, str(Path(folder) / "cache")))
     result = {"benchmark": "startup", "campaign": describe_size(read_campaign(campaign)), "machine": machine,

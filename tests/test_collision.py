@@ -17,7 +17,7 @@ from ddetumble import Ball, CoulombFriction, InputError
 from ddetumble.contact import Striker
 from ddetumble.dynamics import Box, Cylinder, Mesh, Sphere, simulate_oblique_impact
 from ddetumble.dynamics.bodies import HollowCylinder
-from ddetumble.dynamics.collision import reduce_mass, simulate_collision
+from ddetumble.dynamics.collision import _find_separation, reduce_mass, simulate_collision
 from ddetumble.dynamics.surfaces import CylinderSurface, Debris, make_debris
 from ddetumble.effects.impact import ArmServo, ViscoelasticWall, WallStiffness
 from ddetumble.effects.oblique import OffCentreReaction, TangentialCompliance
@@ -44,6 +44,37 @@ def run(law, debris, omega, point, velocity, pressure=1.5e6, attitude=LEVEL, **o
     """One collision; numbers in, arrays out."""
     state = (np.asarray(x, float) for x in (attitude, omega, point, velocity))
     return simulate_collision(law, debris, *state, {"initial_pressure": pressure}, **options)
+
+
+def test_nothing_calls_the_host():
+    """Neither a collision nor its derivatives: a program with such a call cannot be kept for the next process."""
+    def separate(point):
+        rates, velocity = np.array([0.1, 0.0, 0.2]), np.array([-0.4, 0.0, 0.3])
+        return simulate_collision(build(), CYLINDER, LEVEL, rates, point, velocity, {"initial_pressure": 1.5e6},
+                                  adjoint=dfx.ForwardMode()).separation
+
+    for function in (separate, jax.jacfwd(separate)):
+        program = str(jax.make_jaxpr(function)(jnp.array([1.0, 0.0, 1.2])))
+        assert "while" in program and "callback" not in program
+
+
+def test_separation_and_its_derivatives_are_those_of_a_throw():
+    """A body thrown up at v comes back at 2 v/g, with the first and second derivatives of that; before the end of the
+    last step, and not where that is later than wanted."""
+    def fly(g, most=10.0):
+        path = dfx.diffeqsolve(
+            dfx.ODETerm(lambda t, y, g: jnp.stack([y[1], -g])), dfx.Tsit5(), 0.0, 1.0, 0.1, jnp.array([0.0, 3.0]),
+            args=g, saveat=dfx.SaveAt(dense=True), adjoint=dfx.ForwardMode(),
+            event=dfx.Event(lambda t, y, args, **_: jnp.where(t > 0, y[0], 0.0), direction=False)).interpolation
+        return _find_separation(lambda t, path, _: path.evaluate(t)[0], path, (), jnp.asarray(most))
+
+    g = jnp.asarray(9.0)
+    time, parted = fly(g)
+    assert parted and float(time) == pytest.approx(6.0 / 9.0, rel=1e-12)
+    first = jax.jacfwd(lambda g: fly(g)[0])
+    assert float(first(g)) == pytest.approx(-6.0 / 81.0, rel=1e-9)
+    assert float(jax.jacfwd(first)(g)) == pytest.approx(12.0 / 729.0, rel=1e-6)
+    assert not fly(g, 0.66)[1] and float(fly(g, 0.66)[0]) == 0.66
 
 
 @pytest.mark.slow

@@ -24,7 +24,7 @@ from ddetumble.selection.data_errors import AMBIENT
 from ddetumble.selection.discover import discover
 from ddetumble.selection.missing.missing_force import draw_missing_force
 from ddetumble.selection.outliers import begin_cleaning
-from ddetumble.selection.restatements import Restatement, add_atmosphere
+from ddetumble.selection.restatements import add_atmosphere, list_restatements
 from tests.independent import faults
 
 
@@ -557,12 +557,12 @@ def test_restatements_of_a_campaign(request):
     """Pressures with the atmosphere, all known diameters doubled and halved; nothing of what is fitted."""
     campaign = read_campaign(request.getfixturevalue("clean")["impact"])
     known = campaign.known | {"outer_diameter": 0.03, "inner_diameter": 0.02}
-    raised, doubled, halved = Restatement.list_all(dc.replace(campaign, known=known))
+    raised, doubled, halved = list_restatements(dc.replace(campaign, known=known))
     assert np.allclose(raised.campaign.records["initial_pressure"] - campaign.records["initial_pressure"], AMBIENT)
     for one, factor in ((doubled, 2.0), (halved, 0.5)):
         assert one.campaign.known == known | {"outer_diameter": 0.03 * factor, "inner_diameter": 0.02 * factor}
     free = dc.replace(campaign, known=dict.fromkeys(known))
-    assert len(Restatement.list_all(free)) == 1
+    assert len(list_restatements(free)) == 1
 
 
 @pytest.mark.slow

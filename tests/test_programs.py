@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -93,6 +94,50 @@ def test_nothing_is_kept_without_a_name_or_of_what_calls_back(folder):
 
     np.testing.assert_array_equal(programs.call_kept(calls_back, (), "calls back", 0, X, Y), X + 1.0)
     assert not list_programs(folder)
+
+
+def make_kept(traced):
+    """The same by `keep_program`: words and structure of its arguments are part of the program, arrays are traced."""
+    @programs.keep_program((0, 0))
+    def f(way, model, x):
+        traced.append(way)
+        return (model["a"] + x if way == "sum" else model["a"] * x), model["none"] is None
+
+    return f
+
+
+def test_a_kept_function_is_traced_once_for_all_processes(folder, monkeypatch):
+    """Told apart by what is no array among its arguments; ordinary inside another transformation."""
+    traced = []
+    f, model = make_kept(traced), {"a": np.full(3, 2.0), "none": None}
+    np.testing.assert_array_equal(f("sum", model, X)[0], X + 2.0)
+    np.testing.assert_array_equal(f("product", model, X)[0], 2.0 * X)
+    assert f("sum", model, X)[1] and len(list_programs(folder)) == 2
+    monkeypatch.setattr(programs, "_known", {})
+    jax.clear_caches()
+    traced.clear()
+    np.testing.assert_array_equal(f("sum", model, X)[0], X + 2.0)
+    assert not traced
+    np.testing.assert_array_equal(jax.vmap(lambda x: f("product", model, x)[0])(jnp.ones((4, 3))), np.full((4, 3), 2.0))
+    assert jax.grad(lambda x: jnp.sum(f("product", model, x)[0]))(X).tolist() == [2.0, 2.0, 2.0]
+
+
+def test_a_kept_function_of_what_only_this_process_knows_leaves_nothing(folder):
+    """A class of the user's has a name that says nothing of its code, and a function none at all."""
+    class Own(eqx.Module):
+        a: jax.Array
+
+    @programs.keep_program(0)
+    def f(model, x):
+        return (model.a if isinstance(model, Own) else model(1.0)) * x
+
+    np.testing.assert_array_equal(f(Own(jnp.ones(3)), X), X)
+    np.testing.assert_array_equal(f(lambda a: 3.0 * a, X), 3.0 * X)
+    assert not list_programs(folder)
+    ours = dd.Ball().extend([dd.effects.Adhesion()])
+    assert programs.name_structure(ours) == programs.name_structure(dd.Ball(1.5).extend([dd.effects.Adhesion(2.0)]))
+    assert programs.name_structure(ours) != programs.name_structure(dd.Ball().extend([dd.effects.GasLeak()]))
+    assert programs.name_structure(ours) is not None and programs.name_structure((ours, Own)) is None
 
 
 def test_a_space_has_a_text_where_all_is_the_packages_own():

@@ -16,7 +16,7 @@ $C F_{max} u_s/\sqrt{u_s^2 + u_c^2} + \epsilon u_s = \xi + \epsilon u$, $\dot\xi
 A normal force has no moment about the axis of a body of revolution: spin about it goes by friction alone.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, final
 
 import diffrax as dfx
@@ -43,6 +43,8 @@ SPAN = 1.0  # s, after which a contact that has not ended is given up: long agai
 # S, of a compliant patch: a thousandth of a contact, so that it follows, and not too stiff to integrate.
 RELAXATION = 2e-5
 PROBE = 5e-3  # m, depression at which the stiffness is estimated: within a usual strike
+LATEST = 1e9  # expected durations, before which any span has passed
+NEARER = 6  # Newton steps from where a line would separate: the last ones change nothing
 # Of the contact at which its course is read, denser at its ends, where it changes fastest.
 SHARES = 0.5 - 0.5 * np.cos(np.pi * np.arange(49) / 48)
 
@@ -344,7 +346,7 @@ def _collide(law, debris, attitude, omega, point, velocity, given, span, relaxat
         setup, scales = args
         return ravel_pytree(_rates(setup, t * unit, unravel(y * scales)))[0] * unit / scales
 
-    def gap(t, y, args, **kwargs):
+    def gap(t, y, args):
         setup, scales = args
         state = unravel(y * scales)
         place = rotate_back(normalise(state.attitude), setup.start + state.ball - state.debris)
@@ -352,24 +354,47 @@ def _collide(law, debris, attitude, omega, point, velocity, given, span, relaxat
         # At first touch it is rounding alone, whose sign may change where the first step is tried again.
         return jnp.where(t > 0, depression, 0.0)
 
+    most = span / unit
+    # To the end of the step in which ball and surface part, or which ends the span. With a root finder, or with an end
+    # that is not known when it is compiled, diffrax would call the host, and no such program outlives its process.
     solution = dfx.diffeqsolve(
-        dfx.ODETerm(field), solver, t0=jnp.zeros(()), t1=span / unit, dt0=jnp.asarray(2e-3),
-        y0=start / scales, args=(setup, scales), saveat=dfx.SaveAt(t1=True, dense=True),
+        dfx.ODETerm(field), solver, t0=0.0, t1=LATEST, dt0=2e-3, y0=start / scales, args=(setup, scales),
+        saveat=dfx.SaveAt(dense=True), max_steps=max_steps, adjoint=adjoint, throw=False,
         stepsize_controller=dfx.PIDController(rtol=tolerances[0], atol=tolerances[1], norm=_measure_error),
-        max_steps=max_steps, adjoint=adjoint,
-        event=dfx.Event(gap, optx.Newton(1e-13, 1e-13), direction=False), throw=False)
-    assert solution.ts is not None and solution.ys is not None
-    separated = solution.result == dfx.RESULTS.event_occurred
-    end = solution.ts[0]
-    final = unravel(solution.ys[0] * scales)
+        event=dfx.Event(lambda t, y, args, **_: jnp.where(t < most, gap(t, y, args), -1.0), direction=False))
+    ended = solution.result == dfx.RESULTS.event_occurred
+    end, separated = _find_separation(lambda t, path, args: gap(t, path.evaluate(t), args), solution.interpolation,
+                                      (setup, scales), most)
+    separated &= ended
+    final = unravel(solution.evaluate(end) * scales)
 
     def read(share):
         return _touch(setup, share * end * unit, unravel(solution.evaluate(share * end) * scales))[0]
 
     course = jax.vmap(read)(jnp.asarray(SHARES))
-    bad = ~(separated | (solution.result == dfx.RESULTS.successful)) | (speed <= 0)
+    bad = ~ended | (speed <= 0)
     return _conclude(setup, final, course, end * unit, speed, sliding, omega, separated, bad,
                      solution.stats["num_steps"])
+
+
+def _find_separation(gap: Callable[..., Array], path: Any, args: Any, most: Array) -> tuple[Array, Array]:
+    """Time at which the `gap` to the surface closes within the last step of an interpolated solution, and whether it
+    does, no later than `most`; else where the step ends. Its derivatives, to the second, are those of two Newton steps
+    from the root.
+    """
+    frozen, known = jax.lax.stop_gradient((path, args))
+    before, last = frozen.ts[frozen.ts_size - 2], frozen.ts[frozen.ts_size - 1]
+    first, final = gap(before, frozen, known), gap(last, frozen, known)
+
+    def step(time, path, args):
+        value, slope = jax.jvp(lambda t: gap(t, path, args), (time,), (jnp.ones(()),))
+        return time - safe_divide(value, slope)
+
+    near = before + safe_divide(first, first - final) * (last - before)
+    near = jax.lax.fori_loop(0, NEARER, lambda _, t: jnp.clip(step(t, frozen, known), before, last), near)
+    parted = (final <= 0.0) & (near <= stop(most))
+    near = stop(jnp.where(parted, near, last))
+    return jnp.where(parted, step(step(near, path, args), path, args), jnp.minimum(last, most)), parted
 
 
 def _find_peak(time: Array, values: Array) -> Array:

@@ -7,7 +7,6 @@ be from the first touch on, and from that at the place and with the velocity of 
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,6 +15,7 @@ from jaxtyping import Array
 from .._rotation import from_rotation_vector, multiply, rotate, rotate_back
 from ..contact.damping import damped_work
 from ..contact.gripping import Patch, find_height
+from ..inference.programs import keep_program
 from .constraints import Parting, judge
 from .problem import SLIPS, SPEED, Design, StrikeProblem, read_design, score, span_plane
 
@@ -27,7 +27,7 @@ SHARES = np.linspace(0.0, 1.0, 5)  # of the contact, at which the distance of th
 RATES = np.linspace(0.0, 1.0, 9)  # over the approach speed, at which the largest force is looked for
 
 
-@eqx.filter_jit
+@keep_program((0.0, 0.0))
 def screen(problem: StrikeProblem, faces: Array, designs: Array) -> tuple[Array, Array]:
     r"""Many designs, their velocities changed where the arm is too slow, shape (designs, 7), and what is wanted small
     and all constraints of these, by closed forms, shape (designs, 1 + constraints).

@@ -16,6 +16,7 @@ from jaxtyping import Array
 from .._rotation import from_rotation_vector, multiply, rotate, rotate_back
 from ..contact.gripping import find_height
 from ..dynamics.collision import Collision
+from ..inference.programs import keep_program
 from .errors import err
 from .problem import Design, StrikeProblem, read_design, score, strike_debris
 
@@ -117,7 +118,7 @@ def evaluate_slopes(problem: StrikeProblem, face: Array, x: Array, error: Mappin
     return _evaluate_slopes(problem, face, x, error)
 
 
-@eqx.filter_jit
+@keep_program((0.0, 0.0))
 def _evaluate_slopes(problem, face, x, error) -> tuple[Array, Array]:
     return with_slopes(lambda x: _evaluate(problem, face, x, dfx.ForwardMode(), error), x)
 
@@ -136,7 +137,7 @@ def evaluate(problem: StrikeProblem, face: Array, x: Array, adjoint: dfx.Abstrac
     return _evaluate(problem, face, x, adjoint, error)
 
 
-@eqx.filter_jit  # behind a plain function, as an argument that is left out would be another program than one of None
+@keep_program(0.0)
 def _evaluate(problem, face, x, adjoint, error) -> Array:
     design = read_design(problem, face, x)
     if error is not None:

@@ -19,6 +19,7 @@ from ..contact.effect import AbstractDriveEffect
 from ..contact.gripping import Patch, StrikeLaw, find_height
 from ..dynamics.impact import follow
 from ..families.impact import read_values
+from ..inference.programs import keep_program
 from .constraints import MISSED, judge, with_slopes
 from .multistart import find_bounds
 from .prices import Relaxation, find_relaxations
@@ -120,7 +121,7 @@ def find_floor(problem: StrikeProblem) -> float:
     return float(np.linalg.norm(pivots @ momentum) / np.linalg.norm(momentum))
 
 
-@eqx.filter_jit
+@keep_program(0.0)
 def _press(law: StrikeLaw, given: Mapping[str, Array], deepest: Array, speeds: Array, pressures: Array) -> Array:
     """Impulse, peak force, peak depression, largest friction over load, on a body that does not give way."""
     normal, reference = law.normal, law.reference
@@ -229,7 +230,7 @@ def plan_sequence(problem: StrikeProblem, share: float, most: int, *, starts: in
                       refused=refused, relaxations=relaxations)
 
 
-@eqx.filter_jit
+@keep_program(0.0)
 def _strike(problem: StrikeProblem, start: Array, state: Array, face: Array, x: Array,
             adjoint: dfx.AbstractAdjoint | None = None) -> Array:
     """Attitude and rates after one impact from those before it, and the impact's row, shape (7 + 3 + constraints,)."""
@@ -244,7 +245,7 @@ def _strike(problem: StrikeProblem, start: Array, state: Array, face: Array, x: 
     return jnp.concatenate([collision.attitude, collision.angular_velocity, jnp.where(ended, row, jnp.nan)])
 
 
-@eqx.filter_jit
+@keep_program((0.0, 0.0))
 def _strike_slopes(problem: StrikeProblem, start: Array, state: Array, face: Array, x: Array) -> tuple[Array, Array]:
     """One impact, and its derivatives by the state before and by its variables, the second shape (values, 7 + 7)."""
     return with_slopes(lambda z: _strike(problem, start, z[:STATE], face, z[STATE:], dfx.ForwardMode()),

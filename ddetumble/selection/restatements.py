@@ -25,17 +25,17 @@ class Restatement:
     facts: dict[str, Any]  # that the question names
     campaign: Campaign
 
-    @classmethod
-    def list_all(cls, campaign: Campaign) -> "list[Restatement]":
-        """All that are worth a question, the likeliest first."""
-        raised = add_atmosphere(campaign)
-        found = [] if raised is None else [cls("gauge_pressures", {}, raised)]
-        known = {name: value for name, value in campaign.known.items() if name.endswith("diameter") and value}
-        for factor in (2.0, 0.5) if known else ():
-            other = {name: factor * value for name, value in known.items()}
-            facts = {"doubled": factor > 1.0, "values": [f"{n}={1e3 * v:.6g} mm" for n, v in other.items()]}
-            found.append(cls("another_diameter", facts, dc.replace(campaign, known={**campaign.known, **other})))
-        return found
+
+def list_restatements(campaign: Campaign) -> list[Restatement]:
+    """All that are worth a question, the likeliest first."""
+    raised = add_atmosphere(campaign)
+    found = [] if raised is None else [Restatement("gauge_pressures", {}, raised)]
+    known = {name: value for name, value in campaign.known.items() if name.endswith("diameter") and value}
+    for factor in (2.0, 0.5) if known else ():
+        other = {name: factor * value for name, value in known.items()}
+        facts = {"doubled": factor > 1.0, "values": [f"{n}={1e3 * v:.6g} mm" for n, v in other.items()]}
+        found.append(Restatement("another_diameter", facts, dc.replace(campaign, known={**campaign.known, **other})))
+    return found
 
 
 def add_atmosphere(campaign: Campaign) -> Campaign | None:
@@ -75,7 +75,7 @@ def find_restatement(campaign: Campaign, path: Path, begin: Callable[[Campaign],
     last, explained = path.steps[-1].fitted, path.is_explained()
     margin = settings.significant if explained else settings.decisive
     found: list[tuple[float, Restatement, tuple[str, ...]]] = []
-    for restated in Restatement.list_all(campaign) if asked else ():
+    for restated in list_restatements(campaign) if asked else ():
         try:
             selection, reference = begin(restated.campaign)
         except ComputationError:
