@@ -566,7 +566,7 @@ def test_restatements_of_a_campaign(request):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("hidden", ["clean", "grown"])
+@pytest.mark.parametrize("hidden", [pytest.param("clean", marks=pytest.mark.study), "grown"])
 def test_a_radius_given_for_a_diameter_is_asked_about(request, hidden):
     """Half a diameter looks like physics; no effect is named before that is settled."""
     campaign = read_campaign(request.getfixturevalue(hidden)["impact"])

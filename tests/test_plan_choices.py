@@ -301,7 +301,7 @@ def test_an_erring_impact_has_slopes(held):
         np.testing.assert_allclose(slopes[:, k], (ahead - behind) / 2e-4, rtol=2e-3, atol=2e-3 * np.abs(slopes).max())
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_plan_for_errors_keeps_its_limits_under_others(tmp_path):
     """Limits hold in the mean of their worst tenth of errors that the plan has not seen, where the plain plan, at its
     limits, passes some in about half of them; the price is some momentum if all goes well."""

@@ -135,6 +135,7 @@ def test_comparing_and_discovering_begin_there_too(folder):
     assert found.chi2_reduced < 1.3 and found.nrmse < 0.1
 
 
+@pytest.mark.study  # every reference model is compiled
 def test_a_body_twenty_times_as_stiff_is_no_noise(tmp_path, capsys):
     """Pulses that no ball of that pressure makes, in five files with 0.4 N of noise: what the ball leaves is not taken
     for noise, and the reference model that comes nearer is found."""
