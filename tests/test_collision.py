@@ -77,6 +77,17 @@ def test_separation_and_its_derivatives_are_those_of_a_throw():
     assert not fly(g, 0.66)[1] and float(fly(g, 0.66)[0]) == 0.66
 
 
+def test_what_never_separates_has_not_failed():
+    """A surface that turns away under a ball at 1 mm/s, and a contact of which the span ends within the first step:
+    both are followed to the end of the span, and no further."""
+    grazing = run(build(), CYLINDER, [0.0, 6.0, 0.0], [1.0, 0.0, 1.2], [6.0 * 1.2 - 1e-3, 0.0, -6.0])
+    short = run(build(), HEAVY, REST, [1.0, 0.0, 1.2], [-0.4, 0.0, 0.3], span=1e-4)
+    for found, span in ((grazing, 1.0), (short, 1e-4)):
+        assert not found.separated and not found.failed and int(found.steps) < 1000
+        assert float(found.separation) == pytest.approx(span)
+    assert float(grazing.peak_force) < 1e-3
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("effects", [{}, {"k_w": 900.0, "k_v": 800.0, "share": 0.1, "A": 0.4, "kappa": 3.0},
                                      {"k_s": 400.0}])  # an arm that drives: the bench's is checked by SciPy

@@ -1,8 +1,10 @@
 """Programs kept between processes: found without tracing, told apart, and traced anew where they cannot be read."""
 
+import functools
 import os
 import subprocess
 import sys
+from dataclasses import dataclass
 
 import equinox as eqx
 import jax
@@ -127,12 +129,21 @@ def test_a_kept_function_of_what_only_this_process_knows_leaves_nothing(folder):
     class Own(eqx.Module):
         a: jax.Array
 
+    @dataclass(frozen=True)
+    class Weighted:  # its repr holds no address, and nothing of its code
+        weight: float
+
+        def __call__(self, x):
+            return self.weight * x
+
     @programs.keep_program(0)
     def f(model, x):
         return (model.a if isinstance(model, Own) else model(1.0)) * x
 
     np.testing.assert_array_equal(f(Own(jnp.ones(3)), X), X)
-    np.testing.assert_array_equal(f(lambda a: 3.0 * a, X), 3.0 * X)
+    for own in (lambda a: 3.0 * a, Weighted(3.0), Weighted(3.0).__call__, functools.partial(Weighted(3.0))):
+        np.testing.assert_array_equal(f(own, X), 3.0 * X)
+        assert programs.name_structure({"goal": (own,)}) is None
     assert not list_programs(folder)
     ours = dd.Ball().extend([dd.effects.Adhesion()])
     assert programs.name_structure(ours) == programs.name_structure(dd.Ball(1.5).extend([dd.effects.Adhesion(2.0)]))

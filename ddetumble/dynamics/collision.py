@@ -361,7 +361,8 @@ def _collide(law, debris, attitude, omega, point, velocity, given, span, relaxat
         dfx.ODETerm(field), solver, t0=0.0, t1=LATEST, dt0=2e-3, y0=start / scales, args=(setup, scales),
         saveat=dfx.SaveAt(dense=True), max_steps=max_steps, adjoint=adjoint, throw=False,
         stepsize_controller=dfx.PIDController(rtol=tolerances[0], atol=tolerances[1], norm=_measure_error),
-        event=dfx.Event(lambda t, y, args, **_: jnp.where(t < most, gap(t, y, args), -1.0), direction=False))
+        event=dfx.Event((lambda t, y, args, **_: gap(t, y, args), lambda t, y, args, **_: t >= most),
+                        direction=(False, None)))
     ended = solution.result == dfx.RESULTS.event_occurred
     end, separated = _find_separation(lambda t, path, args: gap(t, path.evaluate(t), args), solution.interpolation,
                                       (setup, scales), most)
@@ -392,7 +393,7 @@ def _find_separation(gap: Callable[..., Array], path: Any, args: Any, most: Arra
 
     near = before + safe_divide(first, first - final) * (last - before)
     near = jax.lax.fori_loop(0, NEARER, lambda _, t: jnp.clip(step(t, frozen, known), before, last), near)
-    parted = (final <= 0.0) & (near <= stop(most))
+    parted = (first > 0.0) & (final <= 0.0) & (near <= stop(most))
     near = stop(jnp.where(parted, near, last))
     return jnp.where(parted, step(step(near, path, args), path, args), jnp.minimum(last, most)), parted
 

@@ -4,7 +4,6 @@ import abc
 import copy
 import dataclasses as dc
 import re
-import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, final
 
@@ -15,6 +14,7 @@ from jaxtyping import Array
 from .._errors import InputError
 from ..contact.effect import AbstractEffect, AbstractModel, Parameter, list_choices, parameters_of, parts_of, read_field
 from ..families import Family, find_family
+from .programs import is_ours
 
 
 @dc.dataclass(frozen=True)
@@ -46,12 +46,6 @@ class Common:
         unit = "" if self.relative else self.unit
         return Slot(f"{self.column}_shift", None, Parameter(f"{self.column}_shift", "", unit, 0.0, "reference",
                                                             self.sd, text=text))
-
-
-def _is_ours(kind: type) -> bool:
-    """Whether a class is found in the package by its name, and so is the same in every process."""
-    module, package = kind.__module__, __name__.partition(".")[0]
-    return module.startswith(f"{package}.") and getattr(sys.modules[module], kind.__qualname__, None) is kind
 
 
 class AbstractSpace(abc.ABC):
@@ -145,7 +139,7 @@ class ParameterSpace(AbstractSpace):
         kinds, choices, effects, commons, absent = self.key
         plain = all(isinstance(x, str | int | float | None) for _, x in choices)
         listed = self.family.directions  # made by a function, and told apart by their names within a family
-        if not plain or not all(one in listed or _is_ours(one) for one in (*kinds, *effects)):
+        if not plain or not all(one in listed or is_ours(one) for one in (*kinds, *effects)):
             return None
         named = [[f"{one.__module__}.{one.__qualname__}" for one in group] for group in (kinds, effects, absent)]
         return repr((named, choices, commons))

@@ -6,34 +6,35 @@ versions of what it is built on, the kind of model, and the shapes of the arrays
 are traced in every process.
 """
 
+import dataclasses as dc
 import hashlib
 import importlib.metadata
-import re
+import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from functools import cache, partial, wraps
+from functools import cache, wraps
 from pathlib import Path
+from types import FunctionType, MappingProxyType
 from typing import Any
 
 import equinox as eqx
 import jax
-import numpy as np
 from jax import export
-from jax.core import Tracer
-from jax.tree_util import default_registry
 
 from .._errors import InputError
+from .._numerics import is_known
 from .._settings import PROGRAM, find_platform
 from .files import write_whole
 
 
 BUILT_ON = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "diffrax", "numpy")
-OURS = {"ddetumble", "builtins", "collections", *BUILT_ON}  # packages whose classes a name says all about
+OURS = {"ddetumble", *BUILT_ON}  # packages of whose classes and functions a name says all
+PLAIN = (type(None), bool, int, float, str)
 LIFE = 60 * 86400.0  # s after which a program is traced anew: those of older code would pile up for ever
 _known: dict[tuple, Callable[..., Any]] = {}
-_one = threading.Lock()
+_one = threading.RLock()  # a kept function may call another
 
 
 def call_kept(function: Callable[..., Any], static: tuple, name: str | None, like: Any, *arrays: Any) -> Any:
@@ -62,25 +63,26 @@ def keep_program(like: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]
     """Decorate a function as `equinox.filter_jit` does, its traced program kept from one process to the next.
 
     Its arguments are pytrees, given by position: arrays among their leaves are traced, all else is part of the program.
-    Inside another transformation it is an ordinary jitted function, and where an argument holds a class or a function
-    that is not the package's own, nothing of it outlives the process.
+    Inside another transformation it is an ordinary jitted function, and where an argument holds a class, a function or
+    an object that is not the package's own, nothing of it outlives the process.
 
     Args:
         like: a value with the structure of the result, whatever its leaves.
     """
     def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
-        @partial(jax.jit, static_argnums=(0, 1))
-        @wraps(function)
         def run(rest, tree, arrays):
             return function(*eqx.combine(arrays, jax.tree.unflatten(tree, rest)))
 
+        run.__name__, run.__qualname__, run.__module__ = function.__name__, function.__qualname__, function.__module__
+        compiled = jax.jit(run, static_argnums=(0, 1))
+
         @wraps(function)
         def call(*arguments):
-            arrays, rest = eqx.partition(arguments, _is_array)
-            static = jax.tree.flatten(rest)
-            if any(isinstance(x, Tracer) for x in jax.tree.leaves(arrays)):
-                return run(tuple(static[0]), static[1], arrays)
-            return call_kept(run, (tuple(static[0]), static[1]), name_structure(arguments), like, arrays)
+            arrays, rest = eqx.partition(arguments, eqx.is_array)
+            leaves, tree = jax.tree.flatten(rest)
+            if not is_known(arrays):
+                return compiled(tuple(leaves), tree, arrays)
+            return call_kept(compiled, (tuple(leaves), tree), name_structure(arguments), like, arrays)
 
         return call
 
@@ -88,25 +90,33 @@ def keep_program(like: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]
 
 
 def name_structure(value: Any) -> str | None:
-    """What a pytree is but for the arrays among its leaves, in words for other processes; None where it holds a class
-    or a function that is not the package's own, or one that only this process knows.
+    """What a pytree is but for the arrays among its leaves, in words for other processes; None where it holds a class,
+    a function or an object of a class that is not the package's own, and whose name says nothing of its code.
     """
-    text = f"{jax.tree.structure(value)} {[x for x in jax.tree.leaves(value) if not _is_array(x)]}"
-    named = {name.split(".")[0] for name in re.findall(r"<(?:class|enum) '([^']+)'", text)}
-    return None if named - OURS or " at 0x" in text or not _is_ours(value) else text
+    if eqx.is_array(value):
+        return "array"
+    if value is None or isinstance(value, bool | int | float | str):
+        return repr(value) if type(value) in PLAIN else None
+    if isinstance(value, type) or type(value) is FunctionType:
+        return f"{value.__module__}.{value.__qualname__}" if is_ours(value) else None
+    if isinstance(value, Mapping) and type(value) in (dict, MappingProxyType):
+        parts = [(repr(key), name_structure(one)) for key, one in value.items()]
+    elif type(value) in (tuple, list) or (isinstance(value, tuple) and is_ours(type(value))):
+        parts = [("", name_structure(one)) for one in value]
+    elif dc.is_dataclass(value) and is_ours(type(value)):  # an equinox module is one
+        parts = [(field.name, name_structure(getattr(value, field.name, None))) for field in dc.fields(value)]
+    else:
+        return None
+    if any(part is None for _, part in parts):
+        return None
+    return f"{type(value).__module__}.{type(value).__qualname__}({', '.join(f'{key}={part}' for key, part in parts)})"
 
 
-def _is_array(value: Any) -> bool:
-    """Whether a leaf is traced."""
-    return isinstance(value, jax.Array | np.ndarray | np.generic)
-
-
-def _is_ours(value: Any) -> bool:
-    """Whether all nodes of a pytree are of classes that the digest of the code and the versions cover."""
-    if type(value).__module__.split(".")[0] not in OURS:
-        return False
-    below = default_registry.flatten_one_level(value)
-    return below is None or all(map(_is_ours, below[0]))
+def is_ours(kind: Any) -> bool:
+    """Whether a class or function is of the package, or of what it is built on, and found by its name there: the same
+    in every process of which code and versions are these."""
+    module = sys.modules.get(kind.__module__)
+    return kind.__module__.split(".")[0] in OURS and getattr(module, kind.__qualname__, None) is kind
 
 
 def _prepare(function, static, name, like, arrays, form: str, platform: str) -> Callable[..., Any]:
