@@ -407,8 +407,9 @@ def _explain(found: Design, question: Question) -> Design:
 
 
 def group_pairs(pairs: Sequence[Pair]) -> list[tuple[str, tuple[str, ...], int]]:
-    """Pairs by the rival that is in most of them, each pair once: its name, those on the other side, and after how many
-    tests the last of these is distinguished (0 where none is). Those that need the fewest tests come first.
+    """Pairs in groups, each pair once: the name in most pairs, those on the other side of these, and after how many tests
+    the last of them is distinguished (0 where none is); then the same of the pairs that are left. Of names in equally
+    many pairs the one whose last pair needs fewer tests is taken. Groups are sorted by that number, the lowest first.
     """
     groups, rest = [], list(pairs)
     while rest:

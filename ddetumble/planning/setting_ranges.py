@@ -11,7 +11,7 @@ from ..dynamics.spinning import ATTITUDES
 from ..families import find_family
 from ..inference.archive import FittedModel
 from ..measurement.columns import expand_role, read_pairs
-from ..measurement.units import NUMBER, check_unit, parse_uncertainty, si_unit
+from ..measurement.units import NUMBER, check_unit, parse_uncertainty, parse_unit, si_unit
 
 
 # By which limits reach beyond a condition that was held still, and beyond one that was not: a rig can do more than it
@@ -103,11 +103,14 @@ def _read_range(name: str, given: Range, source: str) -> tuple[float, float]:
     if isinstance(given, str):
         match = re.fullmatch(rf"\s*({NUMBER})(?:\s*\.\.\s*({NUMBER}))?\s*([^\d.].*)?", given, re.ASCII | re.DOTALL)
         # A range as people write it, perhaps with its unit at both ends: `0.1-0.3 m/s`, `0.1 m/s to 0.3 m/s`.
-        loose = re.fullmatch(rf"\s*({NUMBER})\s*([A-Za-z/%]+\s*)??(?:-|–|—|to|:|…|\.\.\.?)\s*({NUMBER})\s*([^\d.].*)?",
-                             given, re.ASCII | re.DOTALL)
-        if loose is not None and (match is None or match[2] is None):
+        loose = re.fullmatch(
+            rf"\s*((?>{NUMBER}))\s*([A-Za-z/%]+\s*)??(?:--?|–|—|to|:|…|\.\.\.?)\s*({NUMBER})\s*([^\d.].*)?",
+            given, re.ASCII | re.DOTALL)
+        if loose is not None and (match is None or match[2] is None and not _is_unit(match[3])):
             alike = (loose[2] or "").strip() in ("", loose[4])
             meant = f"{loose[1]}..{loose[3]} {loose[4] or si_unit(name)}".removesuffix(" 1")
+            if "--" in given and loose[1].startswith("-"):  # the upper end may be negative, too
+                raise InputError(f"{place} takes LOW..HIGH UNIT, with two points between, not {given!r}")
             raise InputError(f"{place} takes LOW..HIGH UNIT" + (
                 f"; write it like '{meant}'" if alike else f", with one unit for both ends, not {given!r}"))
         if match is None:
@@ -126,6 +129,15 @@ def _read_range(name: str, given: Range, source: str) -> tuple[float, float]:
     if not signed and (low < 0 or (low == 0 and name in ("approach_speed", "normal_load", "slip_speed"))):
         raise InputError(f"{place} must be positive: {given!r}")
     return low, high
+
+
+def _is_unit(text: str | None) -> bool:
+    """Whether what stands behind a number, if anything, can be read as a unit."""
+    try:
+        parse_unit(text or "1")
+    except InputError:
+        return False
+    return True
 
 
 def list_extras(saved: FittedModel, entries: Sequence[str] | Mapping[str, str] | None = None) -> tuple[Extra, ...]:
