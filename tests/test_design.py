@@ -374,6 +374,8 @@ PLAN = "normal_load [N],internal_pressure [MPa],slip_speed [m/s],repeats\n10,1,0
     (PLAN.replace("20,2", "-20,2"), [], "must be positive"),
     (PLAN, ["--channel", "normal_force: 1 N"], "not a channel of these tests"),
     (PLAN, ["--value", "mass=1"], "no parameter 'mass'"),
+    (PLAN, ["--model", "eq10", "--value", "sum_0=0.25"], "needs a unit"),
+    (PLAN, ["--model", "eq10", "--value", "sum_0=0.25 mm"], "1/mm"),
     (PLAN, ["--uncertainty", "humidity=1 %"], "no condition 'humidity'"),
     (PLAN, ["--interval", "0 mm"], "must be positive"),
 ])

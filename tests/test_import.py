@@ -12,8 +12,11 @@ from ddetumble import InputError, check_plausibility, import_tests, read_campaig
 from ddetumble.contact.effect import parameters_of
 from ddetumble.exam.simulators.impact import simulate
 from ddetumble.families import list_families
+from ddetumble.measurement.checks import read_known
 from ddetumble.measurement.faults import find_truncated
+from ddetumble.measurement.kinds import KINDS
 from ddetumble.measurement.layout import read_layout, split_heading
+from ddetumble.reports.export import tabulate_campaign
 
 
 CONDITIONS = {"pressure": "1.0 MPa", "speed": "0.4 m/s"}
@@ -430,7 +433,7 @@ def test_the_unit_of_gauge_pressures_is_asked_about(tmp_path):
 
 @pytest.mark.parametrize(("name", "near"), [
     ("diameter", "outer_diameter"), ("outer diameter", "outer_diameter"), ("mass", "effective_mass"),
-    ("restitutoin", "restitution"), ("colour", "effective_mass")])
+    ("restitutoin", "restitution"), ("approach_speed", "condition")])
 def test_a_known_number_that_no_model_has_is_refused(tmp_path, name, near):
     time, force = raw_trace()
     path = write(tmp_path / "a.csv", raw_text([time, force], ["t [s]", "Fz [N]"]))
@@ -439,10 +442,52 @@ def test_a_known_number_that_no_model_has_is_refused(tmp_path, name, near):
     assert caught.value.option == "--known" and name in str(caught.value) and near in str(caught.value)
 
 
-def test_every_parameter_of_a_reference_model_may_be_known():
-    for family in list_families():
-        names = {p.name for built in family.models.values() for p in parameters_of(built.make())}
-        assert names <= {*family.kind.unknown, *family.kind.parameters}, family.name
+def test_every_parameter_of_a_reference_model_may_be_known_and_no_other_is_listed():
+    """In the unit that the models have it in; the pressure of the day belongs to the tests, not to a model."""
+    of_models: dict[str, set[str]] = {}
+    for family in [one for one in list_families() if one.kind.name in KINDS]:
+        units = {p.name: p.unit or "1" for built in family.models.values() for p in parameters_of(built.make())}
+        listed = family.kind.parameters
+        assert set(units) <= {*family.kind.unknown, *listed}, family.name
+        assert {name: listed[name] for name in units if name in listed} == {
+            name: unit for name, unit in units.items() if name in listed}, family.name
+        of_models.setdefault(family.kind.name, set()).update(units)
+    for name, there in of_models.items():
+        assert {*KINDS[name].parameters} - there <= {"ambient_pressure"}, name
+
+
+def test_a_known_number_is_kept_in_the_unit_of_its_parameter(tmp_path):
+    """Also where its name does not say what it measures; a bare zero is one in any unit."""
+    time = np.arange(0.0, 1.0, 0.01)
+    path = write(tmp_path / "a.csv", raw_text([time, 0.1 * time, 5.0 + 0.0 * time + 0.01 * np.sin(time)],
+                                              ["t [s]", "slip [m]", "Ft [N]"]))
+
+    def take(known):
+        return import_tests(path, family="slip", known=known, pressure="0.1 MPa", speed="0.1 m/s", load="20 N",
+                            uncertainty="force=0.1 N")
+
+    known = {"sum_0": 0.25, "difference_0": 2e-3, "sum_1": 0.0, "a_0": 0.3}
+    campaign = take(["sum_0=0.25 1/mm", "difference_0=2 1/m", "sum_1=0", "a_0=30 %"])
+    written = write_campaign(tmp_path / "out", campaign)
+    for one in (campaign, written):
+        assert {name: one.known[name] for name in known} == pytest.approx(known)
+    about = tabulate_campaign(campaign)["about"].set_index("item")
+    assert about.loc["known sum_0", "unit"] == "1/mm"
+    for wrong in ("sum_0=0.25", "sum_0=0.25 mm", "a_0=3 mm", "tensile_strength=0"):
+        with pytest.raises(InputError, match=wrong.split("=")[0]):
+            take([wrong])
+    with pytest.raises(InputError, match="needs a unit"):
+        read_known("temperature", "0")
+
+
+def test_a_known_number_of_a_model_of_ones_own_is_kept_and_told(tmp_path):
+    time, force = raw_trace()
+    path = write(tmp_path / "a.csv", raw_text([time, force], ["t [s]", "Fz [N]"]))
+    campaign = import_tests(path, known={"spring_rate": "20 kN/m", "stiffness_force": "2 kN"}, **CONDITIONS)
+    again = write_campaign(tmp_path / "out", campaign)
+    assert campaign.known["spring_rate"] == again.known["spring_rate"] == 20e3 and again.known["stiffness_force"] == 2e3
+    (note,) = [note for note in campaign.notes if "spring_rate" in note]
+    assert "your own" in note and not any("stiffness_force" in note for note in campaign.notes)
 
 
 @pytest.mark.parametrize(("cell", "words"), [

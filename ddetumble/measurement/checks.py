@@ -3,6 +3,7 @@
 `rows` is whatever says where numbers stand: it has the `file` and the `lines` of its rows.
 """
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -11,7 +12,7 @@ import pandas as pd
 
 from .._errors import InputError
 from .kinds import RecordKind
-from .units import parse_quantity, role_of, si_unit
+from .units import NUMBER, parse_quantity, parse_unit, role_of, si_unit
 
 
 PEAKS = ("peak_normal_force", "rebound_speed", "contact_time", "impulse", "peak_depression", "peak_friction_force")
@@ -40,13 +41,34 @@ class Rows(NamedTuple):
 
 def read_known(name: str, text: str | float, unit: str = "") -> float:
     """Read a known parameter with its unit; refused is one that no body can have: not positive where it must be, a
-    restitution above one. `unit` is that of a parameter whose name does not say it."""
-    value = parse_quantity(text, name, unit)
+    restitution above one. `unit` is that of a parameter whose name does not say it. A bare zero is one in any unit,
+    but for temperatures, whose scales differ in their zero.
+    """
+    bare = re.fullmatch(NUMBER, str(text).strip(), re.ASCII)
+    if bare is not None and float(bare[0]) == 0 and not _is_temperature(name, unit):
+        value = 0.0
+    else:
+        value = parse_quantity(text, name, unit)
     if name in _POSITIVE and value <= 0:
         raise InputError(f"the value must be positive; it is {value:g} {si_unit(name)}")
     if name == "restitution" and not 0 < value <= 1:
         raise InputError(f"the restitution must be above 0 and at most 1; it is {value:g}")
     return value
+
+
+def unit_of_known(name: str, kind: RecordKind) -> str:
+    """Unit in which a campaign keeps a known parameter: that of the reference models, or SI; "1" where none is told."""
+    return si_unit(name) if role_of(name) else kind.parameters.get(name, "1")
+
+
+def _is_temperature(name: str, unit: str) -> bool:
+    """Whether a parameter of that name, or of that unit where the name does not say it, is a temperature."""
+    if role_of(name) is not None:
+        return role_of(name) == "temperature"
+    try:
+        return parse_unit(unit).dimension == parse_unit("K").dimension
+    except InputError:  # such as N/m^q
+        return False
 
 
 def refuse_rows(bad, rows, column: str, explain: str | Callable[[int], str]) -> None:

@@ -51,7 +51,8 @@ class RecordKind:
         averaged: Columns of the samples whose mean is a condition, where they change within a test.
         words: What laboratories call the columns, without spaces and signs, by quantity.
         unknown: Parameters of the reference model that are left to the fit.
-        parameters: Of the reference models of such tests, which may be known; empty where the kind does not list them.
+        parameters: Of the reference models of such tests, which may be known, with their units; empty where the kind
+            does not list them.
         described: Parameters that describe the bodies, and the sentence for where none of them is stated.
         options: Option and heading, as examples, that give a condition which is needed.
         has_contact: Whether a record holds one contact, whose onset an import finds; before it the noise is measured.
@@ -74,7 +75,7 @@ class RecordKind:
     speed: str = ""
     load: str = ""
     averaged: tuple[str, ...] = ()
-    parameters: tuple[str, ...] = ()
+    parameters: Mapping[str, str] = field(default_factory=dict)
     described: tuple[tuple[str, ...], str] = ((), "")
     options: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     has_contact: bool = False
@@ -160,11 +161,12 @@ IMPACT = RecordKind(
         "slip": "slip",
     },
     unknown=("effective_mass", "restitution"),
-    parameters=(
-        "outer_diameter", "inner_diameter", "ambient_pressure", "elastic_modulus", "poisson_ratio",
-        "contact_radius_coefficient", "stiffness_force", "exponent", "condition_exponent", "tangential_mass",
-        "rolling_mass", "friction_coefficient", "creep_speed", "adhesion_constant", "loss_factor", "tensile_strength",
-        "real_contact_pressure"),
+    parameters={
+        "outer_diameter": "m", "inner_diameter": "m", "ambient_pressure": "Pa", "elastic_modulus": "Pa",
+        "poisson_ratio": "1", "contact_radius_coefficient": "1", "stiffness_force": "N", "exponent": "1",
+        "condition_exponent": "1", "tangential_mass": "kg", "rolling_mass": "kg", "friction_coefficient": "1",
+        "creep_speed": "m/s", "adhesion_constant": "1", "loss_factor": "1", "tensile_strength": "Pa",
+        "real_contact_pressure": "Pa"},
     pressure="initial_pressure",
     speed="approach_speed",
     described=(("outer_diameter",),
@@ -193,9 +195,13 @@ SLIP = RecordKind(
         "slip": "s slip slipdistance slidingdistance displacement gleitweg weg",
     },
     unknown=("adhesion_constant", "loss_factor", "slip_scale"),
-    parameters=(*_RUBBER, "friction_coefficient", "ambient_pressure", *(
-        f"{name}_{power}" for name, powers in (("a", 2), ("sum", 3), ("difference", 3), ("c", 3), ("e", 3))
-        for power in range(powers))),
+    parameters={
+        "tensile_strength": "Pa", "real_contact_pressure": "Pa", "elastic_modulus": "Pa", "poisson_ratio": "1",
+        "friction_coefficient": "1", "ambient_pressure": "Pa", **{
+            f"{name}_{power}": unit
+            for name, powers, unit in (("a", 2, "1"), ("sum", 3, "1/mm"), ("difference", 3, "1/mm"), ("c", 3, "1"),
+                                       ("e", 3, "1"))
+            for power in range(powers)}},
     pressure="internal_pressure",
     speed="slip_speed",
     load="normal_load",
@@ -220,7 +226,7 @@ TUMBLE = RecordKind(
     words={f"angular_velocity_{axis}": " ".join(word + axis for word in (
         "angularvelocity", "omega", "w", "ω", "gyro", "gyroscope", "rate")) for axis in "xyz"},
     unknown=("inertia_ratio",),
-    parameters=("orbit_rate",),
+    parameters={"orbit_rate": "rad/s"},
     rates=_RATES,
     measure=measure_tumbling,
 )

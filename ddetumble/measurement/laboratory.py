@@ -1,6 +1,7 @@
 """Import of a laboratory's raw files: a checked campaign, and in sentences everything that was decided on the way."""
 
 import difflib
+import re
 from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
@@ -114,8 +115,11 @@ def import_tests(
             hint = ", whose tests have no contact" if option == "onset" else hint
             raise InputError(f"--{option} does not apply to the family {kind.name}{hint}")
     parameters = _read_known(known, ambient, kind)
+    own = [name for name in parameters if _is_own(name, kind)]
     plan = make_plan(kind, force, time, slip, record_column, units, keep, drop,
                      parameters.get("effective_mass"))
+    plan.notes += [f"No model of the toolkit has a parameter {name}: it is kept, in SI, for a model of your own."
+                   for name in own]
     if rate is not None:
         with error_place(option="--rate"):
             plan.rate = parse_quantity(rate, "the sampling rate", "Hz")
@@ -382,7 +386,8 @@ def _read_known(known, ambient, kind: RecordKind) -> dict[str, float | None]:
     for name, value in pairs.items():
         _check_name(str(name), kind, parameters)
         with error_place(option=f"--known {name}"):
-            parameters[name] = None if value in (None, "null", "") else read_known(name, value)
+            parameters[name] = None if value in (None, "null", "") else read_known(
+                name, value, kind.parameters.get(name, ""))
     if ambient is not None:
         with error_place(option="--ambient"):
             parameters["ambient_pressure"] = parse_quantity(ambient, "ambient_pressure")
@@ -390,17 +395,27 @@ def _read_known(known, ambient, kind: RecordKind) -> dict[str, float | None]:
 
 
 def _check_name(name: str, kind: RecordKind, parameters: Collection[str]) -> None:
-    """Refuse the name of a known number that no reference model of the kind has; where a kind does not list its own,
-    only one that is nearly another. Those of effects, which have a point, are checked with the model.
+    """Refuse the name of a known number that no reference model of the kind has and that is nearly, or in part, that of
+    one: a slip, most likely. Any other may be of a model of one's own. Those of effects, which have a point, are
+    checked with the model.
     """
     names = list(dict.fromkeys([*parameters, *kind.parameters]))
-    near = difflib.get_close_matches(name, names if kind.parameters else [*ROLES, *names], n=3,
-                                     cutoff=0.6 if kind.parameters else 0.8)
-    if name in names or "." in name or not kind.parameters and (name in ROLES or not near):
+    if name in names or "." in name or not kind.parameters and name in ROLES:
         return
-    remedy = f"did you mean {join_words(near, 'or')}?" if near else f"the parameters are {', '.join(names)}"
-    raise InputError(f"there is no parameter {name!r}; {remedy}",
-                     option="--known")
+    if kind.parameters and name in kind.conditions:
+        raise InputError(f"{name} is a condition of the tests, no parameter; give it in the table of --conditions",
+                         option="--known")
+    near = difflib.get_close_matches(name, names if kind.parameters else [*ROLES, *names], n=3, cutoff=0.8)
+    if kind.parameters and not near:
+        words = set(re.findall(r"[^\W_]+", name.casefold()))
+        near = [one for one in names if words <= set(one.split("_"))]
+    if near:
+        raise InputError(f"there is no parameter {name!r}; did you mean {join_words(near, 'or')}?", option="--known")
+
+
+def _is_own(name: str, kind: RecordKind) -> bool:
+    """Whether a known number can be of a model of the user's own alone; unknown where a kind does not list its own."""
+    return bool(kind.parameters) and "." not in name and name not in (*kind.unknown, *kind.parameters)
 
 
 def _assemble(tests: list[RawTest], plan: Plan, options: dict, noise: dict[str, float],

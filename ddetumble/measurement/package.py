@@ -62,9 +62,11 @@ def _read_package(descriptor: Path) -> Campaign:
     data = read_bytes(descriptor)
     model = parse_descriptor(data, str(descriptor))
     digest, notes, known = hashlib.sha256(b"%d\n" % len(data) + data), [], {}
+    family = take_kind(model.family, descriptor.parent)
+    kind = find_kind(family)
     for name, value in model.known.items():
         with error_place(key=f"known.{name}"):
-            known[name] = None if value is None else checks.read_known(name, value)
+            known[name] = None if value is None else checks.read_known(name, value, kind.parameters.get(name, ""))
     resources: dict[str, ResourceModel] = {}
     for resource in model.resources:
         if resource.name in resources:
@@ -76,8 +78,6 @@ def _read_package(descriptor: Path) -> Campaign:
         raise InputError("there is no resource named records; add the table with one row per test")
     if not {"samples", "peaks"} & set(resources):
         raise InputError("there is no resource named samples or peaks; add the table with the measurements")
-    family = take_kind(model.family, descriptor.parent)
-    kind = find_kind(family)
     for name in kind.needs:
         if name not in [field.name for field in resources["records"].table.fields]:
             problem = f"records of the family {family} need this condition; add its column and field"
@@ -267,8 +267,9 @@ def format_campaign(campaign: Campaign, folder: Path = Path()) -> dict[str, str]
             link = {"resource": "records", "fields": "record"}
             schema["foreignKeys"] = [{"fields": "record", "reference": link}]
         resources.append({"name": name, "path": f"{name}.csv", "format": "csv", "schema": schema})
-    known = {name: value if value is None else float(value) if si_unit(name) == "1" else f"{float(value)!r} "
-             f"{si_unit(name)}" for name, value in campaign.known.items()}
+    units = {name: checks.unit_of_known(name, find_kind(campaign.family)) for name in campaign.known}
+    known = {name: value if value is None else float(value) if units[name] == "1" else f"{float(value)!r} {units[name]}"
+             for name, value in campaign.known.items()}
     descriptor = {
         "name": re.sub(r"[^a-z0-9._-]+", "-", campaign.name.lower()).strip("-.") or "campaign",
         "title": campaign.title,

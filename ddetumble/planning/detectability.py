@@ -393,10 +393,11 @@ def read_plan(path: Path | str, model: Model = "paper", *, channels: Sequence[st
         raise InputError(f"there is no column {need[0]!r}; the file has {', '.join(names)}", file=table.file)
     columns = {name: np.repeat(found, repeats) for name, found in columns.items()}
 
-    known = {}
+    resolved, known = resolve_model(model, family.name), {}
+    units = {p.name: p.unit or "1" for p in parameters_of(resolved.reference)}
     for name, text in read_pairs("value", values).items():
         with error_place(option=f"--value {name}"):
-            known[name] = read_known(name, text)
+            known[name] = read_known(name, text, units.get(name, ""))
     given = {**family.plan.uncertainties,
              **{expand_role(k, family.kind): v for k, v in read_pairs("uncertainty", uncertainties).items()}}
     strange = [n for n in given if n not in columns and n != "time" and n not in family.plan.uncertainties]
@@ -421,7 +422,6 @@ def read_plan(path: Path | str, model: Model = "paper", *, channels: Sequence[st
         {n: Column(n, si_unit(n), stated.get(n)) for n in records.columns},
         Column(abscissa, si_unit(abscissa), stated.get("time")),
         {c: Column(c, si_unit(c), Uncertainty(sd)) for c, sd in noise.items()})
-    resolved = resolve_model(model, family.name)
     law = _set_values(adapt_reference(plan, resolved.reference), known).extend(resolved.effects)
     samples = _simulate(plan, law, family, columns, step, last)
     return (dc.replace(plan, samples=samples),

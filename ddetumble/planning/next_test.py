@@ -407,9 +407,10 @@ def _explain(found: Design, question: Question) -> Design:
 
 
 def group_pairs(pairs: Sequence[Pair]) -> list[tuple[str, tuple[str, ...], int]]:
-    """Pairs in groups, each pair once: the name in most pairs, those on the other side of these, and after how many tests
-    the last of them is distinguished (0 where none is); then the same of the pairs that are left. Of names in equally
-    many pairs the one whose last pair needs fewer tests is taken. Groups are sorted by that number, the lowest first.
+    """Pairs in groups, each pair once: the name in most pairs, those on the other side of these, and after how many
+    tests the last of them is distinguished (0 where none is); then the same of the pairs that are left. Of names in
+    equally many pairs the one whose last pair needs fewer tests is taken. Groups are sorted by that number, the lowest
+    first.
     """
     groups, rest = [], list(pairs)
     while rest:

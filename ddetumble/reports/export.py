@@ -11,7 +11,8 @@ import pandas as pd
 from .._errors import InputError
 from .._settings import refuse_memory
 from ..measurement.campaign import Campaign, Column
-from ..measurement.units import si_unit
+from ..measurement.checks import unit_of_known
+from ..measurement.kinds import find_kind
 
 
 RESULTS = ("result.json", "fit.json", "posterior.json", "compare.json")  # of a folder, the first one that is there
@@ -26,7 +27,8 @@ def tabulate_campaign(campaign: Campaign) -> Tables:
     columns = [*campaign.conditions.values(), *([along] if along else []), *campaign.channels.values(),
                *campaign.peak_columns.values()]
     about = [("title", campaign.title, ""), ("family", campaign.family, "")]
-    about += [(f"known {name}", value, si_unit(name)) for name, value in campaign.known.items()]
+    kind = find_kind(campaign.family)
+    about += [(f"known {name}", value, unit_of_known(name, kind)) for name, value in campaign.known.items()]
     for column in columns:
         for what, sd in (("uncertainty", column.uncertainty), ("common uncertainty", column.common)):
             if sd is not None:
