@@ -332,6 +332,33 @@ def test_a_number_of_its_own_unit_is_held_as_written():
                        priors=["sum_1=2+-0.5 1/m"], fixed=["sum_0=0.25 1/mm", "adhesion_constant=0.8"])
     assert read.chosen["fixed"] == {"sum_0": 0.25, "adhesion_constant": 0.8}
     assert read.chosen["priors"]["sum_1"] == pytest.approx((2e-3, 0.5e-3))
+    zero = read_source("slip-a", None, "fit", None, model="eq10", effects=(), free=None, priors=None,
+                       fixed=["sum_1=0", "difference_1=0.0"])
+    assert zero.chosen["fixed"] == {"sum_1": 0.0, "difference_1": 0.0}  # as commands of results say it
+
+
+WARM = """
+from ddetumble.contact.effect import AbstractElasticEffect, parameter
+
+
+class WarmWall(AbstractElasticEffect):
+    k: float = parameter("N/m", typical=2000.0, sign=1, starts=(5000.0,))
+    theta: float = parameter("K", 293.0, kind="shape", typical=10.0, free=False)
+    id = "warm-wall"
+    law = "F_k gains k delta theta/293 K"
+    reference = "a test"
+
+    def force(self, contact):
+        return self.k * contact.depression * self.theta / 293.0
+"""
+
+
+def test_a_prior_of_a_temperature_may_be_in_degrees(tmp_path):
+    """Its deviation is a difference."""
+    (tmp_path / "own.py").write_text(WARM, encoding="utf-8")
+    read = read_source("impact-b", None, "fit", tmp_path / "own.py", model="paper", effects=["warm-wall"], free=None,
+                       priors=["warm-wall.theta=20+-2 degC"], fixed=None)
+    assert read.chosen["priors"]["warm-wall.theta"] == pytest.approx((293.15, 2.0))
 
 
 @pytest.mark.study
@@ -349,7 +376,10 @@ def test_a_fit_by_hand_is_as_good_as_that_of_discover(curved, tmp_path):
     (["--fix", "wall-stiffness.k_w=15 kN/m"], "N/m^q"), (["--fix", "outer_diameter=-60 mm"], "positive"),
     (["--fix", "effective_mass=1 s"], "kg"), (["--fix", "effective_mass=much"], "--fix"),
     (["--free", "adhesion.tau_a"], "adhesion.tau_a"), (["--prior", "restitution=0.7"], "--prior"),
-    (["--prior", "restitution=0.7+-0"], "positive"), (["--prior", "wall-stiffness.q=1+-0.1"], "not fitted"),
+    (["--prior", "restitution=0.7+-0"], "positive"), (["--prior", "restitution=1.2+-0.1"], "at most 1"),
+    (["--prior", "effective_mass=-1+-0.1 kg"], "positive"),
+    (["--free", "wall-stiffness.q", "--prior", "wall-stiffness.q=-50+-0.1"], "wall-stiffness.q"),
+    (["--prior", "wall-stiffness.q=1+-0.1"], "not fitted"),
     (["--fix", "wall-stiffness.q=1", "--free", "wall-stiffness.q"], "both free and fixed")], ids=str)
 def test_faulty_choices_are_refused(folder, words, says, tmp_path, capsys):
     assert main(["fit", str(folder), "-e", "wall-stiffness", *words, "-o", str(tmp_path / "fit")]) == 2

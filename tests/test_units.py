@@ -10,6 +10,7 @@ from ddetumble.measurement.units import (
     ROLES,
     check_unit,
     list_usual,
+    parse_deviation,
     parse_quantity,
     parse_uncertainty,
     parse_unit,
@@ -93,6 +94,11 @@ def test_temperatures_have_an_offset_and_their_uncertainty_none():
     assert parse_quantity("68 °F", "temperature") == pytest.approx(293.15)
     assert parse_uncertainty("0.5 degC", check_unit("degC", "temperature"), "temperature").absolute == 0.5
     assert parse_uncertainty("0.9 degF", check_unit("K", "temperature"), "temperature").absolute == pytest.approx(0.5)
+    for text, quantity, unit in (("2 degC", "temperature", ""), ("2 degC", "theta", "K"), ("3.6 degF", "theta", "K"),
+                                 ("2 K", "theta", "degC"), ("3.6 degF", "theta", "degC"), ("2 K", "theta", "K")):
+        assert parse_deviation(text, quantity, unit) == 2.0
+    assert parse_deviation("-2 degC", "theta", "K") == -2.0 and parse_deviation("5 mm", "theta", "m") == 0.005
+    assert parse_quantity("293.15 K", "theta", "degC") == pytest.approx(20.0)
     with pytest.raises(InputError, match="relative"):
         parse_uncertainty("1 %", check_unit("degC", "temperature"), "temperature")
 

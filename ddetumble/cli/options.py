@@ -199,12 +199,13 @@ def _read_value(option: str, name: str, text: str, unit: str) -> float:
     from ..measurement.checks import read_known
 
     with error_place(option=f"--{option} {name}"):
-        return read_known(name, text, unit)
+        return read_known(name, text, unit or "1")
 
 
 def _read_prior(name: str, text: str, unit: str) -> tuple[float, float]:
     """Mean and standard deviation of a parameter in its own unit: `1.3+-0.1 kg`."""
-    from ..measurement.units import NUMBER, parse_quantity, refuse_bare
+    from ..measurement.checks import read_known
+    from ..measurement.units import NUMBER, parse_deviation, refuse_bare
 
     match = re.fullmatch(rf"\s*({NUMBER})\s*(?:\+-|\+/-|±)\s*({NUMBER})(?:\s*([^\d\s.].*)|\s+(1/.*))?\s*", text)
     with error_place(option=f"--prior {name}"):
@@ -214,7 +215,8 @@ def _read_prior(name: str, text: str, unit: str) -> tuple[float, float]:
         behind = (match[3] or match[4] or "").strip()
         if not behind:
             refuse_bare(text, name, unit)
-        mean, sd = (parse_quantity(f"{number} {behind}", name, unit) for number in (match[1], match[2]))
+        mean = read_known(name, f"{match[1]} {behind}", unit or "1")
+        sd = parse_deviation(f"{match[2]} {behind}", name, unit or "1")
         if not sd > 0:
             raise InputError("the standard deviation must be positive")
     return mean, sd

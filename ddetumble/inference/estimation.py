@@ -309,8 +309,11 @@ def _place_priors(space: ParameterSpace, wanted: Specification) -> dict[str, tup
     for name, prior in wanted.priors.items():
         if not prior.sd > 0:
             raise InputError(f"the standard deviation of {name} has to be positive", key="priors")
+        place, (low, high) = _coordinate(space, name, float(prior.mean)), space.parameter(name).coordinate_bounds()
+        if not low <= place <= high:
+            raise InputError(f"{prior.mean:g} is outside what {name} can be", key="priors")
         slope = space.parameter(name).transform.slope(prior.mean) or 1.0
-        found[name] = _coordinate(space, name, float(prior.mean)), float(prior.sd * (1 / slope))
+        found[name] = place, float(prior.sd * (1 / slope))
     return found
 
 

@@ -194,10 +194,20 @@ def parse_quantity(text: str | float, quantity: str, unit: str = "") -> float:
     elif "^q" in unit:
         raise InputError(f"{quantity} is in {unit}, which depends on the exponent q; write it like '{number:g} {unit}'")
     else:
-        value = convert_text(str(text), unit) / parse_unit(unit).scale
+        own = parse_unit(unit)
+        value = (convert_text(str(text), unit) - own.offset) / own.scale
     if not math.isfinite(value):
         raise InputError(f"{quantity} is not a finite number: {text!r}")
     return value
+
+
+def parse_deviation(text: str, quantity: str, unit: str = "") -> float:
+    """Read a standard deviation as `parse_quantity` reads a value: on a scale whose zero is not that of SI it is a
+    difference of two values, so 2 degC are 2 K.
+    """
+    value, (_, rest) = parse_quantity(text, quantity, unit), _split_number(text, quantity)
+    zero = parse_quantity(f"0 {rest}", quantity, unit)
+    return value if zero == 0 else float(f"{value - zero:.12g}")
 
 
 def convert_text(text: str, unit: str) -> float:
