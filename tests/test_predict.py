@@ -253,9 +253,23 @@ def test_gauge_pressures_count_from_the_ambient_pressure(reference, tmp_path, ca
         assert main(["predict", str(reference), str(path), *words, "-q"]) == 2
         assert option in capsys.readouterr().err
     assert main(["predict", str(reference), str(path), "--gauge", "--ambient", "101 kPa", "-q"]) == 0
+    for wrong in (-1.01e5, 0.0, float("nan"), float("inf"), True, "-1 bar", "1"):
+        with pytest.raises(InputError, match="ambient_pressure|positive") as caught:
+            predict(saved, path, gauge=True, ambient=wrong)
+        assert caught.value.option == "--ambient"
     path.write_text("p0 [barg],v [m/s]\n10,0.4\n", encoding="utf-8")
     with pytest.raises(InputError, match="--gauge"):
         predict(saved, path)
+
+
+def test_gauge_pressures_of_a_model_that_reads_none_are_refused(reference, tmp_path):
+    path = tmp_path / "conditions.csv"
+    path.write_text("v [m/s]\n0.4\n", encoding="utf-8")
+    saved = load(reference)
+    without = dc.replace(saved, ranges={name: ends for name, ends in saved.ranges.items() if "pressure" not in name})
+    with pytest.raises(InputError, match="no pressure") as caught:
+        predict(without, path, gauge=True, ambient="1 bar")
+    assert caught.value.option == "--gauge"
 
 
 def test_a_fitted_model_keeps_the_ambient_pressure_of_its_campaign(reference, folder, tmp_path):

@@ -2,6 +2,7 @@
 peak force, duration and impulse of impacts."""
 
 import dataclasses as dc
+import numbers
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -150,10 +151,13 @@ def _find_ambient(saved: FittedModel, gauge: bool | None, ambient: str | float |
                              option="--ambient")
         return 0.0, "" if stated is None or gauge is not None else (
             f"The pressures were taken as absolute. The campaign states an ambient pressure of {stated:g} Pa: if these "
-            "are gauge pressures as well, give --gauge.")
+            "are gauge pressures, give --gauge.")
+    if saved.space.family.kind.pressure not in name_conditions(saved):
+        raise InputError("the model reads no pressure; leave this out", option="--gauge")
     if ambient is not None:
+        plain = isinstance(ambient, numbers.Real) and not isinstance(ambient, bool)
         with error_place(option="--ambient"):
-            stated = read_known("ambient_pressure", ambient) if isinstance(ambient, str) else float(ambient)
+            stated = read_known("ambient_pressure", f"{float(ambient)!r} Pa" if plain else ambient)
     if stated is None:
         raise InputError("gauge pressures need the ambient pressure of the day, and the campaign of the model does not "
                          "state it; give --ambient '101.3 kPa'", option="--gauge")
