@@ -413,6 +413,16 @@ def test_the_unit_that_a_file_states_is_kept_and_asked_about(tmp_path):
         assert {unit for name, _, unit in doubt.mistakes if name == "initial_pressure"} == {"kPa"}
 
 
+def test_the_unit_of_an_option_is_kept(tmp_path):
+    time, force = raw_trace()
+    path = write(tmp_path / "a.csv", raw_text([time, force], ["t [s]", "Fz [N]"]))
+    campaign = write_campaign(tmp_path / "out", import_tests(path, pressure="10 bar", speed="40 cm/s"))
+    assert (campaign.column("initial_pressure").stated, campaign.column("approach_speed").stated) == ("bar", "cm/s")
+    wrong = import_tests(path, pressure="10 kPa", speed="0.4 m/s")  # bar
+    (doubt,) = check_plausibility(wrong)
+    assert {stated for name, _, stated in doubt.mistakes if name == "initial_pressure"} == {"kPa"}
+
+
 def test_the_unit_of_gauge_pressures_is_asked_about(tmp_path):
     """The ambient pressure that was added to them is no part of the mistake."""
     for i in range(3):

@@ -385,6 +385,39 @@ def test_a_file_without_times_takes_a_sampling_rate(tmp_path):
             dd.import_tests(path, rate=rate, **CONDITIONS)
         assert caught.value.option == "--rate"
     refuse(tmp_path / "b.tdms", "--rate", "time", rate="1 kHz")
+    for more in ({"time": ""}, {"time": "t"}, {"units": "time=ms"}):
+        with pytest.raises(dd.InputError, match="--time|--unit") as caught:
+            dd.import_tests(path, rate="1 kHz", **CONDITIONS, **more)
+        assert caught.value.option == "--rate"
+
+
+@pytest.mark.parametrize("heading", ["time", "t", "Time [s]", "elapsed time [s]"])
+def test_a_clock_takes_the_place_of_times_that_are_left_out(tmp_path, heading):
+    """Times by the rate are those of the campaign, whatever name the column has that is dropped."""
+    rows = [f"{0.5 * i},{value!r}" for i, value in enumerate(trace().tolist())]
+    (tmp_path / "a.csv").write_text("\n".join((f"{heading},Fz [N]", *rows)) + "\n")
+    refuse(tmp_path / "a.csv", "--rate", rate=f"{1 / STEP:.12g} Hz")
+    campaign = dd.import_tests(tmp_path / "a.csv", rate=f"{1 / STEP:.12g} Hz", drop=heading, **CONDITIONS)
+    np.testing.assert_allclose(np.diff(campaign.samples["time"]), STEP)
+    assert len(campaign.samples) == len(rows)
+
+
+@pytest.mark.parametrize(("lines", "options"), [
+    (["Fz [N]"], {}), (["Kraft", "[N]"], {"force": "Kraft"}), (["bench 3, run 7", "Fz [N]"], {}),
+    ([], {"force": "1", "units": "force=N"}), (["Fz [N]"], {"decimal": ","})], ids=str)
+def test_a_text_file_of_the_force_alone_takes_a_sampling_rate(tmp_path, lines, options):
+    values = trace()
+    cells = [f"{value:.6f}".replace(".", options.get("decimal", ".")) for value in values]
+    path = tmp_path / "a.txt"
+    path.write_text("\n".join((*lines, *cells)) + "\n")
+    campaign = dd.import_tests(path, rate=f"{1 / STEP:.12g} Hz", **CONDITIONS, **options)
+    np.testing.assert_allclose(np.diff(campaign.samples["time"]), STEP)
+    assert len(campaign.samples) == len(values)
+    with pytest.raises(dd.InputError):
+        dd.import_tests(path, **CONDITIONS, **options)
+    path.write_text("\n".join((*lines, *cells[:9], "error", *cells[9:])) + "\n")
+    with pytest.raises(dd.InputError, match="error|remove"):
+        dd.import_tests(path, rate="1 kHz", **CONDITIONS, **options)
 
 
 def test_a_table_of_conditions_among_several_sheets_is_named_behind_the_file(tmp_path):

@@ -98,6 +98,15 @@ def test_gauge_pressures_become_absolute(tmp_path):
         read_campaign(write_small(tmp_path / "d", tree, records=spoilt))
 
 
+@pytest.mark.parametrize("unit", ["parsec/", "dB", "MPA", "bar(g)"])
+def test_a_stated_unit_that_cannot_be_read_is_refused_at_its_place(tmp_path, unit):
+    tree = descriptor()
+    tree["resources"][0]["schema"]["fields"][2]["stated_unit"] = unit
+    with pytest.raises(InputError, match="stated_unit") as caught:
+        read_campaign(write_small(tmp_path / "a", tree))
+    assert caught.value.column == "initial_pressure" and caught.value.file.endswith("datapackage.json")
+
+
 def test_zero_pressure_is_allowed_and_noted(tmp_path):
     campaign = read_campaign(write_small(tmp_path / "small", records=RECORDS.replace("1.0", "0")))
     assert campaign.records["initial_pressure"].iloc[0] == 0 and len(campaign.notes) == 1

@@ -35,10 +35,11 @@ from .plausibility import check_plausibility
 from .quantities import join_words
 from .recordings import ENDINGS, add_clock, is_bag, probe_files, read_files, split_sheet
 from .tables import convert_column, read_texts, read_toml
-from .units import ROLES, Uncertainty, check_unit, parse_quantity, parse_uncertainty, si_unit
+from .units import ROLES, Uncertainty, check_unit, find_unit_text, parse_quantity, parse_uncertainty, si_unit
 
 
 RAW, GAUGE = "raw", "gauge"
+CLOCKS = ("time", "elapsed time", "time stamp", "t")  # names of a clock that is added: one that no column has
 SEVERAL = {"known", "keep", "drop", "units", "uncertainty", "common_uncertainty", "cut", "reverse", "zero",
            "describe"}
 
@@ -125,6 +126,10 @@ def import_tests(
             plan.rate = parse_quantity(rate, "the sampling rate", "Hz")
             if not plan.rate > 0:
                 raise InputError("the sampling rate must be positive")
+            stated = [name for name in plan.units if guess_role(split_heading(name)[0], kind) == "time"]
+            if "time" in plan.choices or stated:
+                raise InputError(f"it is for files that hold no time; leave out {'--unit' if stated else '--time'} or "
+                                 "this")
     if kind.pressure and gauge:
         plan.ambient = parameters.get("ambient_pressure")
         if plan.ambient is None:
@@ -140,7 +145,8 @@ def import_tests(
     probe_files(listed)
     for file in listed:
         settings = part if table is not None and Path(file).resolve() == table.resolve() else None
-        for raw in read_files(file, sheet=sheet, leave_out=settings, delimiter=delimiter, decimal=decimal):
+        for raw in read_files(file, sheet=sheet, leave_out=settings, delimiter=delimiter, decimal=decimal,
+                              single=rate is not None):
             with error_place(sheet=raw.sheet):
                 tests += _read_tests(raw, plan)
     if not tests:
@@ -166,6 +172,7 @@ def import_tests(
             with error_place(option=f"--{option}"):
                 value = parse_quantity(given, name)
             plan.add(name, dict.fromkeys(files, value), si_unit(name), f"--{option}")
+            plan.note_unit(name, find_unit_text(given))
             plan.notes.append(f"{name} is {value:g} {si_unit(name)} for all records, as given with --{option}.")
     for name, found in means.items():
         if name not in plan.conditions:
@@ -297,14 +304,15 @@ def _require_table(table: Path) -> None:
 
 
 def _add_clock(raw: RawFile, plan: Plan, rate: float) -> RawFile:
-    """A file with times by the sampling rate that was given; refused is one that holds times."""
+    """A file with times by the sampling rate that was given; refused is one that holds times, but for a column of such
+    that is left out: the clock has another name then.
+    """
     dropped = {split_heading(name)[0] for name in plan.drop}
     there = [name for name in raw.columns
              if name not in dropped and (guess_role(name, plan.kind) == "time" or name == getattr(raw, "clock", ""))]
-    if there or "time" in plan.choices:
-        what = there[0] if there else plan.choices["time"]
-        raise InputError(f"the file holds times ({what}); leave out --rate", file=raw.file, option="--rate")
-    raw = add_clock(raw, rate, "time")
+    if there:
+        raise InputError(f"the file holds times ({there[0]}); leave out --rate", file=raw.file, option="--rate")
+    raw = add_clock(raw, rate, next(name for name in CLOCKS if name not in raw.columns))
     plan.notes.append(f"{Path(raw.file).name}: the time counts from the first sample, by the sampling rate of "
                       f"{rate:g} Hz.")
     return raw

@@ -35,10 +35,11 @@ class RawFile(Table):
         return self
 
 
-def read_layout(path, *, delimiter: str | None = None, decimal: str | None = None) -> RawFile:
+def read_layout(path, *, delimiter: str | None = None, decimal: str | None = None, single: bool = False) -> RawFile:
     """Take a text file apart: UTF-8, UTF-16 with a byte-order mark, or Windows-1252.
 
     The delimiter (one of "," ";" "|" "tab" "space") and the decimal sign ("." or ",") are found where they are None.
+    `single` says that a file of one column is one, too.
 
     Raises:
         InputError: It cannot be told, or the rows do not agree with one another; the option that settles it is named.
@@ -58,6 +59,10 @@ def read_layout(path, *, delimiter: str | None = None, decimal: str | None = Non
         raise InputError(f"the delimiter {delimiter!r} is unknown; --delimiter takes , ; | tab or space", file=file)
     if decimal not in (None, ".", ","):
         raise InputError(f"the decimal sign must be '.' or ',', not {decimal!r}; give it with --decimal", file=file)
+    if single and delimiter is None and _is_column(text, decimal):
+        rows = [(line, [cell.strip()]) for line, cell in enumerate(text.splitlines(), 1) if cell.strip()]
+        raw = lay_out(rows, file, decimal, least=1)
+        return replace(raw, notes=(*notes, f"{short}: one column, {raw.notes[0]}."))
     if delimiter is None:  # the first of those under which most cells are numbers
         head = "\n".join(text.splitlines()[:500])
         shares = {sign: _count_columns(_split(head, sign, file))[1] for sign in DELIMITERS}
@@ -70,13 +75,13 @@ def read_layout(path, *, delimiter: str | None = None, decimal: str | None = Non
 
 
 def lay_out(rows: list[tuple[int, list[str]]], file: str, decimal: str | None, hint: str = "",
-            remedy: str = "give --delimiter") -> RawFile:
+            remedy: str = "give --delimiter", least: int = 2) -> RawFile:
     """Find headings, units and data in the rows of a table: line number and cells, each with something in it.
 
-    `hint` is what may help where rows differ in length, `remedy` what to do where no data are found. The one note is
-    where headings and data are.
+    `hint` is what may help where rows differ in length, `remedy` what to do where no data are found, `least` the fewest
+    columns of a table. The one note is where headings and data are.
     """
-    first, width, numeric = _find_data(rows, file, remedy)
+    first, width, numeric = _find_data(rows, file, remedy, least)
     names, units, above = _find_header(rows[:first], width, file)
     for line, cells in rows[first:]:
         if len(cells) != width:
@@ -136,9 +141,15 @@ def _is_number(cell: str) -> bool:
     return _NUMBER.fullmatch(cell) is not None
 
 
-def _count_columns(rows) -> tuple[int, float]:
+def _is_column(text: str, decimal: str | None) -> bool:
+    """Whether most lines are a number and nothing else; one with a comma only where that is said to be the decimal."""
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    return sum(_is_number(line) and ("," not in line or decimal == ",") for line in lines) > 0.5 * len(lines)
+
+
+def _count_columns(rows, least: int = 2) -> tuple[int, float]:
     """Usual number of cells in rows that hold numbers, and the share of numbers among these; (0, 0) without any."""
-    numeric = [cells for _, cells in rows if len(cells) > 1 and any(map(_is_number, cells))]
+    numeric = [cells for _, cells in rows if len(cells) >= least and any(map(_is_number, cells))]
     if not numeric:
         return 0, 0.0
     width = Counter(map(len, numeric)).most_common(1)[0][0]
@@ -146,9 +157,9 @@ def _count_columns(rows) -> tuple[int, float]:
     return width, sum(map(_is_number, cells)) / len(cells)
 
 
-def _find_data(rows, file: str, remedy: str) -> tuple[int, int, list[int]]:
+def _find_data(rows, file: str, remedy: str, least: int) -> tuple[int, int, list[int]]:
     """Position of the first data row, number of columns, and which columns hold numbers."""
-    width, _ = _count_columns(rows)
+    width, _ = _count_columns(rows, least)
     if not width:
         raise InputError(f"no rows with two or more columns of numbers were found; {remedy}", file=file)
     marks = {i: list(map(_is_number, cells)) for i, (_, cells) in enumerate(rows) if len(cells) == width}
@@ -163,7 +174,7 @@ def _find_data(rows, file: str, remedy: str) -> tuple[int, int, list[int]]:
     first = int(max(runs, key=len)[0])
     while first > 0 and any(map(_is_number, rows[first - 1][1])):
         first -= 1
-    if regular[0] < first and len(numeric) > 1:
+    if regular[0] < first and (len(numeric) > 1 or width == 1):
         problem = f"text interrupts the numbers (data begin on line {rows[regular[0]][0]}); remove it or split the file"
         raise InputError(problem, file=file, row=rows[first - 1][0])
     return first, width, numeric

@@ -176,6 +176,8 @@ def _describe_field(field: FieldModel, resource: str, known: dict, notes: list[s
             wanted = si_unit(name) if role_of(name) else "mm"
             raise InputError(f'the field has no unit; add it, such as "unit": "{wanted}" ("1" for a ratio)')
         unit = check_unit(field.unit or "1", name)
+        with error_place("stated_unit: "):
+            parse_unit(field.stated_unit)  # of an acceleration that became a force, say
     uncertainty, common = (None if text is None else parse_uncertainty(text, unit, name)
                            for text in (field.uncertainty, field.common_uncertainty))
     if field.reference == "gauge":

@@ -114,7 +114,7 @@ class Recording(RawFile):
 
 
 def read_files(path, *, sheet: str | None = None, leave_out: str | None = None, delimiter: str | None = None,
-               decimal: str | None = None, option: str = "--sheet") -> list[RawFile]:
+               decimal: str | None = None, option: str = "--sheet", single: bool = False) -> list[RawFile]:
     """The tables of a file, one each test or several with a column that tells them apart.
 
     Args:
@@ -123,13 +123,14 @@ def read_files(path, *, sheet: str | None = None, leave_out: str | None = None, 
         leave_out: A sheet or group that is not a test; a file that holds no other gives none.
         delimiter, decimal: Of a text file, as `read_layout` takes them.
         option: That names the sheet: `--conditions` takes it behind the file, and needs a single one.
+        single: Whether a text file may have one column alone.
     """
     path = Path(path)
     ending = path.suffix.lower()
     if not is_bag(path) and ending not in _READERS:
         if sheet is not None:
             raise InputError("a text file has no sheets; leave out --sheet", file=path)
-        return [read_layout(path, delimiter=delimiter, decimal=decimal)]
+        return [read_layout(path, delimiter=delimiter, decimal=decimal, single=single)]
     word, short = "sheet" if ending in _SHEETS else "group", path.name
     groups = _read_groups(path)
     if groups.pop(leave_out, None) is not None and not groups:
@@ -152,6 +153,7 @@ def add_clock(raw: RawFile, rate: float, name: str) -> RawFile:
     """A file without times as one whose samples are evenly spaced: the column `name` with times from zero on, of a
     recording one for each length of its channels; `rate` in samples a second.
     """
+    assert name not in raw.columns, name
     columns, units = {name: np.arange(len(raw)) / rate, **raw.columns}, {name: "s", **raw.units}
     if not isinstance(raw, Recording):
         return replace(raw, columns=columns, units=units)

@@ -201,6 +201,11 @@ def parse_quantity(text: str | float, quantity: str, unit: str = "") -> float:
     return value
 
 
+def find_unit_text(text: str | float) -> str:
+    """The unit of a value as it is written ("60 mm")."""
+    return _split_number(text, "this")[1]
+
+
 def parse_deviation(text: str, quantity: str, unit: str = "") -> float:
     """Read a standard deviation as `parse_quantity` reads a value: on a scale whose zero is not that of SI it is a
     difference of two values, so 2 degC are 2 K.
