@@ -135,7 +135,7 @@ RECORD_FIELDS = ("resources", 0, "schema", "fields")
         ((*SAMPLE_FIELDS, 2, "uncertainty"), "0.25 mm", ("column normal_force", "'mm' does not measure")),
         ((*SAMPLE_FIELDS, 2, "reference"), "gauge", ("column normal_force", "only a pressure")),
         ((*RECORD_FIELDS, 2, "reference"), "relative", ("initial_pressure", "gauge")),
-        ((*RECORD_FIELDS, 2, "unit"), "barg", ("column initial_pressure", "gauge pressure")),
+        ((*RECORD_FIELDS, 2, "unit"), "barg", ("column initial_pressure", '"reference": "gauge"')),
         ((*RECORD_FIELDS, 2, "assumed"), "yes", ("assumed",)),
         ((*RECORD_FIELDS, 3), None, ("column approach_speed", "need this condition")),
         (("resources", 0, "schema", "primaryKey"), "sequence", ("primaryKey",)),

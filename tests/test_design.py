@@ -274,13 +274,15 @@ def test_an_effect_and_an_error_of_a_setting_are_rivals(rivals, tmp_path):
 
 
 @pytest.mark.parametrize("content, reason", [
-    ({"verdict": "undecided", "reason": "rounding"}, "rounding"), ({"verdict": "explained"}, "")])
+    ({"verdict": "undecided", "reason": "rounding"}, "rounding"), ({"verdict": "undecided", "reason": "unit"}, "unit"),
+    ({"verdict": "explained"}, "")])
 def test_what_is_to_be_settled_first(rivals, tmp_path, content, reason):
     """An undecided verdict between no two models hands its reason on to the design of the next test."""
     save_model(tmp_path, load(rivals))
     (tmp_path / "result.json").write_text(json.dumps({"steps": [{"alternatives": []}], **content}))
     found = design(tmp_path, channels=(), limits={"speed": "0.1 m/s", "load": "10 N", "internal_pressure": "1 MPa"})
     assert found.reason == reason and found.rivals == ("viscous-friction",) and found.calibrations == ()
+    assert ("stated wrongly" in found.sentence) == (reason == "unit")
 
 
 @pytest.mark.slow

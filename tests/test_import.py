@@ -600,6 +600,7 @@ def test_a_displacement_that_moves_before_contact_is_zeroed_at_the_onset(tmp_pat
     ({"common_uncertainty": "force=1 m"}, "--common-uncertainty"),
     ({"common_uncertainty": "x=1 N"}, "--common-uncertainty"),
     ({"symmetry_axis": "x"}, "--symmetry-axis"),
+    ({"pressure": "10 bar(g)"}, "--pressure.* --gauge"),
 ])  # fmt: skip
 def test_messages_name_the_option(tmp_path, options, words):
     path = write(tmp_path / "a.csv", raw_text([TIME, FORCE], ["t [s]", "Fz [N]"]))

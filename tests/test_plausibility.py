@@ -137,6 +137,12 @@ def test_a_fit_tells_of_it():
                                 fixed={"outer_diameter": 61.0}).notes
 
 
+def test_an_orbit_may_turn_either_way():
+    assert not check_numbers({"orbit_rate": -1.1e-3})
+    (doubt,) = check_numbers({"orbit_rate": -0.06})
+    assert doubt.variable == "orbit_rate"
+
+
 BODY = 'schema = "ddetumble.plan/1"\n[debris]\nangular_velocity = [0.05, 0.02, 0.03]\n'
 
 

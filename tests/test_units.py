@@ -66,6 +66,11 @@ def test_hints_and_gauges():
         check_unit("mm", "normal_force")
     with pytest.raises(InputError, match="gauge"):
         parse_unit("barg")
+    with pytest.raises(InputError, match="absolute") as caught:  # there is no field where one value is given
+        parse_quantity("1 bar(g)", "ambient_pressure")
+    assert "field" not in str(caught.value)
+    with pytest.raises(InputError, match=r"60 mm' \(or in m\)"):
+        parse_quantity("60", "outer_diameter")
     with pytest.raises(InputError, match="turns"):
         check_unit("Hz", "angular_velocity_x")
 

@@ -35,7 +35,16 @@ from .plausibility import check_plausibility
 from .quantities import join_words
 from .recordings import ENDINGS, add_clock, is_bag, probe_files, read_files, split_sheet
 from .tables import convert_column, read_texts, read_toml
-from .units import ROLES, Uncertainty, check_unit, find_unit_text, parse_quantity, parse_uncertainty, si_unit
+from .units import (
+    ROLES,
+    Uncertainty,
+    check_unit,
+    find_unit_text,
+    is_gauge,
+    parse_quantity,
+    parse_uncertainty,
+    si_unit,
+)
 
 
 RAW, GAUGE = "raw", "gauge"
@@ -170,6 +179,9 @@ def import_tests(
     for option, (given, name) in options.items():
         if given is not None:
             with error_place(option=f"--{option}"):
+                if name == kind.pressure and is_gauge(find_unit_text(given)):
+                    raise InputError(f"{given!r} is a gauge pressure; write the plain unit (bar, psi), and give "
+                                     "--gauge and --ambient '101.3 kPa'")
                 value = parse_quantity(given, name)
             plan.add(name, dict.fromkeys(files, value), si_unit(name), f"--{option}")
             plan.note_unit(name, find_unit_text(given))

@@ -19,7 +19,7 @@ from .campaign import Campaign, Column, arrange_samples
 from .descriptor import FieldModel, ResourceModel, find_descriptor, locate_resource, parse_descriptor
 from .kinds import find_kind, take_kind, write_kind
 from .tables import convert_column, decode, parse_table, pick_column, read_bytes
-from .units import check_unit, parse_uncertainty, parse_unit, role_of, si_unit
+from .units import Unit, check_unit, parse_uncertainty, parse_unit, role_of, si_unit
 
 
 UNITLESS = ("sequence", "repeats")
@@ -175,7 +175,7 @@ def _describe_field(field: FieldModel, resource: str, known: dict, notes: list[s
         if field.unit is None and name not in UNITLESS and role_of(name) != "pure number":
             wanted = si_unit(name) if role_of(name) else "mm"
             raise InputError(f'the field has no unit; add it, such as "unit": "{wanted}" ("1" for a ratio)')
-        unit = check_unit(field.unit or "1", name)
+        unit = _read_unit(field)
         with error_place("stated_unit: "):
             parse_unit(field.stated_unit)  # of an acceleration that became a force, say
     uncertainty, common = (None if text is None else parse_uncertainty(text, unit, name)
@@ -195,6 +195,17 @@ def _describe_field(field: FieldModel, resource: str, known: dict, notes: list[s
     gauge = "gauge" in (field.reference, field.stated_reference)
     stated = field.stated_unit or (unit.text if unit.scale != 1.0 else "")
     return Column(name, unit.si, uncertainty, gauge, field.assumed, field.description, common, stated=stated), offset
+
+
+def _read_unit(field: FieldModel) -> Unit:
+    """The unit of a field; of a gauge pressure it is told what the descriptor has for these."""
+    try:
+        return check_unit(field.unit or "1", field.name)
+    except InputError as error:
+        if "gauge" not in error.problem:
+            raise
+        raise InputError(f'unit {field.unit!r} is a gauge pressure: write the plain unit (bar, psi), mark the field '
+                         '"reference": "gauge" and state ambient_pressure') from None
 
 
 def write_campaign(folder, campaign: Campaign, *, overwrite: bool = False) -> Campaign:

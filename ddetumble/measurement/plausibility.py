@@ -39,7 +39,7 @@ NUMBERS: Ranges = {
     "outer_diameter": (5e-3, 2.0), "inner_diameter": (4e-3, 2.0), "effective_mass": (2e-3, 1e3),
     "ambient_pressure": (0.0, 3e5), "tensile_strength": (1e5, 5e8), "real_contact_pressure": (1e5, 2e9),
     "elastic_modulus": (1e5, 5e8),  # of rubber and other soft polymers
-    "orbit_rate": (0.0, 2e-3),  # a turn in 52 minutes: faster is no orbit of the Earth
+    "orbit_rate": (-2e-3, 2e-3),  # a turn in 52 minutes: faster is no orbit of the Earth; the sign is a sense
 }
 MISTAKES: dict[str, tuple[tuple[str, str], ...]] = {  # the unit that the values are in, and the one that was stated
     "pressure": (("bar", "MPa"), ("kPa", "MPa"), ("bar", "Pa"), ("MPa", "Pa"), ("kPa", "Pa"), ("psi", "bar"),

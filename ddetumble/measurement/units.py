@@ -118,13 +118,17 @@ def list_usual(quantity: str) -> tuple[str, ...]:
     return tuple(_USUAL.get(role_of(quantity) or "", "").split())
 
 
+def is_gauge(text: str) -> bool:
+    """Whether a unit is one of a pressure above that around it, such as bar(g)."""
+    return text.casefold().replace(" ", "") in _GAUGE
+
+
 @lru_cache(maxsize=512)
 def parse_unit(text: str) -> Unit:
     """Read a unit; what is none is refused, and one whose zero or scale is not plain (decibels)."""
     text = text.strip()
-    if text.casefold().replace(" ", "") in _GAUGE:
-        raise InputError(f'unit {text!r} is a gauge pressure: write the plain unit (bar, psi), mark the field '
-                         '"reference": "gauge" and state ambient_pressure')
+    if is_gauge(text):
+        raise InputError(f"unit {text!r} is a gauge pressure; write the absolute one in the plain unit (bar, psi)")
     spelling = _spell(text)
     if spelling is None:
         raise InputError(f"unit {text!r} cannot be read; write it like N, MPa, m/s, N*s/m or kg*m^2")
@@ -174,7 +178,7 @@ def refuse_bare(text: str | float, quantity: str, unit: str = "") -> None:
     kind = role_of(quantity) or next((name for name, si in _KINDS.items() if si == (unit or "1")), None)
     if kind != "pure number":
         usual = _USUAL[kind].split() if kind else [unit]
-        more = f", if it is not in {', '.join(usual[1:])}" if usual[1:] else ""
+        more = f" (or in {', '.join(usual[1:])})" if usual[1:] else ""
         raise InputError(f"{quantity} needs a unit: write it like '{str(text).strip()} {usual[0]}'{more}")
 
 
