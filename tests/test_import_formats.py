@@ -413,7 +413,7 @@ def test_a_text_file_of_the_force_alone_takes_a_sampling_rate(tmp_path, lines, o
     campaign = dd.import_tests(path, rate=f"{1 / STEP:.12g} Hz", **CONDITIONS, **options)
     np.testing.assert_allclose(np.diff(campaign.samples["time"]), STEP)
     assert len(campaign.samples) == len(values)
-    with pytest.raises(dd.InputError):
+    with pytest.raises(dd.InputError, match="--rate"):
         dd.import_tests(path, **CONDITIONS, **options)
     path.write_text("\n".join((*lines, *cells[:9], "error", *cells[9:])) + "\n")
     with pytest.raises(dd.InputError, match="error|remove"):

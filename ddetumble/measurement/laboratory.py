@@ -137,8 +137,8 @@ def import_tests(
                 raise InputError("the sampling rate must be positive")
             stated = [name for name in plan.units if guess_role(split_heading(name)[0], kind) == "time"]
             if "time" in plan.choices or stated:
-                raise InputError(f"it is for files that hold no time; leave out {'--unit' if stated else '--time'} or "
-                                 "this")
+                raise InputError("files that take a sampling rate hold no time; leave out --rate, or "
+                                 + (f"--unit {stated[0]}" if stated else "--time"))
     if kind.pressure and gauge:
         plan.ambient = parameters.get("ambient_pressure")
         if plan.ambient is None:

@@ -59,7 +59,10 @@ def read_layout(path, *, delimiter: str | None = None, decimal: str | None = Non
         raise InputError(f"the delimiter {delimiter!r} is unknown; --delimiter takes , ; | tab or space", file=file)
     if decimal not in (None, ".", ","):
         raise InputError(f"the decimal sign must be '.' or ',', not {decimal!r}; give it with --decimal", file=file)
-    if single and delimiter is None and _is_column(text, decimal):
+    if delimiter is None and _is_column(text, decimal):
+        if not single:
+            raise InputError("the file has one column of numbers where two or more are needed; give --delimiter, or "
+                             "--rate '10 kHz' if it is the force over even times", file=file)
         rows = [(line, [cell.strip()]) for line, cell in enumerate(text.splitlines(), 1) if cell.strip()]
         raw = lay_out(rows, file, decimal, least=1)
         return replace(raw, notes=(*notes, f"{short}: one column, {raw.notes[0]}."))
