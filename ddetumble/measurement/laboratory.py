@@ -324,7 +324,7 @@ def _add_clock(raw: RawFile, plan: Plan, rate: float) -> RawFile:
              if name not in dropped and (guess_role(name, plan.kind) == "time" or name == getattr(raw, "clock", ""))]
     if there:
         raise InputError(f"the file holds times ({there[0]}); leave out --rate", file=raw.file, option="--rate")
-    raw = add_clock(raw, rate, next(name for name in CLOCKS if name not in raw.columns))
+    raw = add_clock(raw, rate, next((name for name in CLOCKS if name not in raw.columns), "clock"))
     plan.notes.append(f"{Path(raw.file).name}: the time counts from the first sample, by the sampling rate of "
                       f"{rate:g} Hz.")
     return raw
