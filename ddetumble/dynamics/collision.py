@@ -380,8 +380,9 @@ def _collide(law, debris, attitude, omega, point, velocity, given, span, relaxat
 
 def _find_separation(gap: Callable[..., Array], path: Any, args: Any, most: Array) -> tuple[Array, Array]:
     """Time at which the `gap` to the surface closes within the last step of an interpolated solution, and whether it
-    does, no later than `most`; else where the step ends. Its derivatives, to the second, are those of two Newton steps
-    from the root.
+    does, no later than `most`; else where the step ends. Times are in expected durations, scalars.
+
+    Its derivatives, to the second, are those of two Newton steps from the root.
     """
     frozen, known = jax.lax.stop_gradient((path, args))
     before, last = frozen.ts[frozen.ts_size - 2], frozen.ts[frozen.ts_size - 1]

@@ -318,6 +318,6 @@ def _describe(column: Column) -> dict:
     if column.assumed:
         field["assumed"] = True
     gauge = "Measured relative to the ambient pressure; absolute here."
-    told = not column.gauge or gauge in column.description or "gauge" in column.description
+    told = not column.gauge or "gauge" in column.description
     description = column.description if told else f"{column.description} {gauge}".strip()
     return field | ({"description": description} if description else {})

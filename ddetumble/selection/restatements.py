@@ -1,7 +1,7 @@
 """What a campaign may have stated wrongly once and for all: gauge pressures as absolute ones, a radius as a diameter.
 
-No record stands out then, and no order of magnitude is odd; but what half an atmosphere or half a diameter makes of the
-force looks like physics.
+No record stands out then, and no order of magnitude is odd; but what an atmosphere too little, or half a diameter,
+makes of the force looks like physics.
 """
 
 import dataclasses as dc
