@@ -317,7 +317,7 @@ def _describe(column: Column) -> dict:
             raise InputError("an uncertainty must be either absolute or relative, not both")
     if column.assumed:
         field["assumed"] = True
-    gauge = "Measured relative to the ambient pressure; absolute here."
-    told = not column.gauge or "gauge" in column.description
-    description = column.description if told else f"{column.description} {gauge}".strip()
+    sentence = "Measured relative to the ambient pressure; absolute here."
+    told = not column.gauge or sentence in column.description or "gauge" in column.description
+    description = column.description if told else f"{column.description} {sentence}".strip()
     return field | ({"description": description} if description else {})
