@@ -46,6 +46,17 @@ def fitted(campaign):
     return fit(campaign, effects=["wall-stiffness"])
 
 
+def test_settings_that_made_up_for_an_effect_do_not_hold_its_fit(tmp_path):
+    """The reference model makes up for a strong dashpot by time origins far from where they were."""
+    base = {"effective_mass": 1.5, "restitution": 0.67}
+    plan = dict(pressures=[6e5, 1.6e6], speeds=[0.2, 0.5], interval=4e-4)
+    write_package(tmp_path / "c", make_campaign("c", 1, {"viscous-dashpot": {"c_v": 47.0}}, base, **plan))
+    found = fit(tmp_path / "c", effects=["viscous-dashpot"])
+    assert found.chi2_reduced < 1.2
+    for name, value in {**base, "viscous-dashpot.c_v": 47.0}.items():
+        assert abs(found.parameters[name].estimate - value) < 4.0 * found.parameters[name].sd
+
+
 @pytest.mark.slow
 def test_intervals_hold_the_truth(fitted, tmp_path):
     truth = BASE | {"wall-stiffness.k_w": 1500.0}

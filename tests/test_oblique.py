@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ddetumble import Ball, InputError, check_effect, discover, find_data, import_tests, predict, read_campaign
+from ddetumble import Ball, InputError, check_effect, discover, find_data, fit, import_tests, predict, read_campaign
 from ddetumble.contact import Striker
 from ddetumble.contact.effect import parameter, parameters_of
 from ddetumble.contact.gripping import AbstractComplianceEffect, share_friction, solve_slider
@@ -33,7 +33,9 @@ from ddetumble.effects.slip import (
     Stribeck,
     ViscousFriction,
 )
+from ddetumble.exam.simulators.campaigns import write_package
 from ddetumble.exam.simulators.oblique import CHANNELS, integrate_strike, simulate_strike
+from ddetumble.exam.simulators.oblique_campaigns import make_oblique_campaign
 from ddetumble.families import name_family
 from ddetumble.inference.archive import resolve_model
 from ddetumble.inference.assembly import adapt_reference, assemble_space
@@ -305,6 +307,18 @@ def test_discover_on_our_campaigns(name, tmp_path):
     for k, channel in enumerate(channels):
         error = np.sqrt(np.mean((mean[channel].to_numpy() - values[:, k]) ** 2))
         assert error < 0.5 * noise[channel], (channel, error)
+
+
+def test_jump_of_friction_at_first_touch_does_not_bias_it(tmp_path):
+    """A sample at first touch, where friction jumps to that of the sliding speed, may lie on either side."""
+    effects = {"viscous-friction": {"c_t": 3.0}}
+    made = make_oblique_campaign("jump", 3, effects, BASE, [6e5, 1.6e6], [0.4], [0.2, 0.5], interval=4e-4, steps=100)
+    exact = [dc.replace(r, true=r.written, values=made.read(r.written, r.places)) for r in made.records]
+    write_package(tmp_path / "jump", dc.replace(made, records=exact))
+    found = fit(tmp_path / "jump", effects=["viscous-friction"], noise="stated")
+    for name in ("adhesion_constant", "tangential_mass", "effective_mass", "restitution"):
+        assert found.parameters[name].estimate == pytest.approx(BASE[name], rel=1e-4)
+    assert found.parameters["viscous-friction.c_t"].estimate == pytest.approx(3.0, rel=1e-4)
 
 
 def test_independent_simulator_closes_its_own_books():

@@ -21,6 +21,7 @@ from ..reference_models import BuiltinModel
 
 
 SPLINES = 20  # over a contact or a stroke: what a missing force leaves is smooth between them
+BLIND = 3.0  # deviations of the time origin within which a sample may lie on either side of first touch
 
 
 class Observation(NamedTuple):
@@ -174,6 +175,7 @@ class Family:
             are there only where the channels that show them are.
         slots: to which the number of free parameters is padded.
         values: channels of which a test gives one number, such as its rebound speed. A campaign may hold these alone.
+        jumping: channels that may jump at first touch, as friction does, or the force of a dashpot.
         place_values: where in a record its values stand, in its independent variable, from a table of them.
     """
 
@@ -212,6 +214,7 @@ class Family:
     further_starts: tuple[str, ...] = ()
     slots: tuple[int, ...] = (5, 8, 12, 16, 24, 32, 48, 64, 96)
     values: tuple[str, ...] = ()
+    jumping: tuple[str, ...] = ()
     place_values: Callable[[Any], float] = lambda table: 0.0
 
     @property
@@ -244,6 +247,16 @@ class Family:
     def folds(self) -> str:
         """What cross-validation leaves out as a whole: `records`, or all those of the same `conditions`."""
         return "records" if self.free_running else "conditions"
+
+    def tell_sides(self, channel: str, time: np.ndarray, deviation: float) -> np.ndarray:
+        """Whether it is known on which side of a jump each sample lies, shape (samples,).
+
+        A channel that may jump at first touch says nothing within `BLIND` deviations [s] of the time origin: no
+        derivative tells a fit that such a sample belongs to the other side, and it would change the jump instead.
+        """
+        if channel not in self.jumping:
+            return np.ones(time.shape, dtype=bool)
+        return (np.abs(time) > BLIND * deviation) | (deviation <= 0)
 
     def suggest(self, channels: Collection[str]) -> str:
         """What else to measure, in words, for a campaign that has these channels: no channel that is there already."""

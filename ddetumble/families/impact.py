@@ -150,5 +150,6 @@ IMPACT = Family(
     remedies="measure at other pressures and speeds",
     guess_starts=list_guesses,
     values=VALUES,
+    jumping=("normal_force",),
     place_values=place_values,
 )

@@ -60,4 +60,5 @@ OBLIQUE = dc.replace(
     model_hint=": make one of it by `Striker(model, CoulombFriction())`",
     check=check_directions,
     values=(),
+    jumping=("normal_force", "tangential_force"),
 )

@@ -26,10 +26,11 @@ from .parameters import ParameterSpace
 from .problem import Problem, Solution, count_steps
 from .progressive_horizon import MOST, is_lost, solve_progressively
 from .specification import Prior, Specification, read_specification
-from .stack import hold_conditions, stack_records
+from .stack import hold_conditions, is_added, stack_records
 
 
 STARTS = 12  # tried at most
+STRAYED = 5.0  # stated deviations by which a setting of the reference model is no longer where it may begin
 
 
 def fit(campaign: Campaign | str | Path, model: Model = "paper", effects: Sequence[str | type[AbstractEffect]] = (), *,
@@ -146,15 +147,19 @@ def _fit(campaign: Campaign, wanted: Specification, resolved: ResolvedModel, set
     base, first = _fit_reference(problem, known, origins, not (told or saved), warnings)
     best: Bounded | None = None
     origin = base
-    starts = [(u, values) for values in _list_starts(chosen, names, given, resolved)
-              for u in ([first.u, base] if told else [first.u])]
-    for k, (u, values) in enumerate(starts):
+    places: list[tuple[np.ndarray, np.ndarray | None]] = [(first.u, first.z)] + [(base, first.z)] * told
+    moves = [not is_added(name) and name not in whole.records.starts for name in whole.records.nuisances]
+    if chosen and np.abs(first.z[:, moves]).max(initial=0.0) > STRAYED:
+        # Settings that made up for what the reference model lacks would hold the grown one where they went.
+        places.append((base, None))
+    starts = [(u, z, values) for values in _list_starts(chosen, names, given, resolved) for u, z in places]
+    for k, (u, z, values) in enumerate(starts):
         report(f"start {k + 1} of {len(starts)}", 0.2 + 0.6 * k / len(starts))
         u = u.copy()
         u[[space.index[n] for n in values]] = list(values.values())
         began = np.where(np.isin(np.arange(len(u)), [space.index[n] for n in known]), base, u)
         try:
-            tried = solve_bounded(problem, names, u, first.z, limits, 1e-2)
+            tried = solve_bounded(problem, names, u, z, limits, 1e-2)
         except ComputationError:
             if best is None and k + 1 == len(starts):
                 raise

@@ -138,10 +138,11 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
                   zeros: Mapping[str, tuple[float, float]] | None = None) -> Records:
     """Stack the samples of a campaign.
 
-    Samples of the force within three deviations of the time origin are left out: it may jump at first touch, and
-    whether such a sample lies before or after the jump is not known. Samples of the pressure after the last force
-    above four deviations are left out too: what the gas does once the ball is free (supply line, check valve, warming)
-    is no part of the contact; and the samples where a slip record turns round, as the sign of the force is not known.
+    Samples of the forces of a contact close to the time origin are left out (`Family.tell_sides`), as it is not known
+    whether they lie before or after the jump that there may be at first touch. Samples of the pressure after the last
+    force above four deviations are left out too: what the gas does once the ball is free (supply line, check valve,
+    warming) is no part of the contact; and the samples where a slip record turns round, as the sign of the force is not
+    known.
 
     Args:
         campaign: with samples.
@@ -167,7 +168,6 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
     thin = [1 if most is None else -(-len(g) // most) for g in groups]
     groups = [g.iloc[::step] for g, step in zip(groups, thin, strict=True)]
     lengths = np.array([len(g) for g in groups])
-    blind = 3.0 * campaign.time_sd
     complete = np.ones((len(keys), len(channels)), dtype=bool)
     rows, size = pad_shape(len(keys), int(lengths.max()), family)
     time = np.zeros((rows, size))
@@ -202,9 +202,7 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
             valid = np.isfinite(x)
             complete[r, c] = valid.all()
             values[r, c, :n] = np.where(valid, x, 0.0)
-            valid = valid & ~turning
-            if blind > 0 and channel == "normal_force":
-                valid = valid & (np.abs(t) > blind)
+            valid = valid & ~turning & family.tell_sides(channel, t, campaign.time_sd)
             if channel == "pressure":
                 valid = valid & (t < last)
             level = (noise or {}).get(channel) or default_noise(campaign, channel, t)

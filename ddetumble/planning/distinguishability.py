@@ -40,8 +40,6 @@ from .setting_ranges import Extra, Limit
 # Rivals at conditions that one call of the compiled program looks at: more fill the memory, fewer idle the processor.
 ITEMS = 16
 SAMPLES = 224  # of a record; more are thinned, their weights raised to the same information on slow curves
-# Deviations of the time origin within which the force counts for nothing: as in fits, where it may jump there.
-BLIND = 3.0
 SETTLED = 1e-8  # relative fall of the squared distance below which a refit has ended; its gradient errs by the root
 SLOWEST = ("initial_pressure", "approach_speed")  # a contact lasts as these to the power -1/3
 
@@ -192,9 +190,7 @@ def preview_test(models: Sequence[FittedModel], limits: Sequence[Limit], extras:
     noise = {c: Noise(e.sd, 0.0, 0.0, 1.0, e.sd, 0.0, "white, as assumed") for e in extras for c in e.channels}
     weights, taps = np.zeros((len(channels), time.size)), np.zeros((len(channels), time.size, TAPS))
     for c, channel in enumerate(channels):
-        valid = np.ones(time.size, dtype=bool)
-        if channel == "normal_force" and first.time_sd > 0:
-            valid = np.abs(time) > BLIND * first.time_sd
+        valid = family.tell_sides(channel, time, first.time_sd)
         level = noise.get(channel) or first.noise[channel]
         weights[c], taps[c] = whitening(level, time, valid)
         weights[c] *= np.sqrt(thin if level.correlation <= 0 else thinning_factor(level, thin))
