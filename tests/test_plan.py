@@ -678,6 +678,19 @@ def test_sequence_changed_together(two):
         assert hasty.reached and chain.impulse <= hasty.impulse * (1 + 1e-3) <= found.impulse * (1 + 2e-3)
 
 
+@pytest.mark.parametrize("limit", ["force", "depression"])
+def test_prices_of_impacts_together(two, limit):
+    """With a limit of both impacts 1 % looser, both together need less impulse by its price, to first order."""
+    problem, found = two
+    chain = refine_sequence(problem, found, 0.2)
+    assert chain.joint is not None
+    (price,) = [one for one in chain.joint.prices if limit in one.key]
+    wider = dc.replace(problem, limits=dc.replace(problem.limits, **{limit: 1.01 * getattr(problem.limits, limit)}),
+                       unit=None)
+    gain = chain.impulse - refine_sequence(wider, chain, 0.2).impulse
+    assert price.of == "impulse" and price.gain == pytest.approx(gain, rel=0.1)
+
+
 def test_least_time(two):
     """Waits go down to what is wanted of the momentum; the plans of the chain do what the chain says."""
     problem, found = two

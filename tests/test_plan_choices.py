@@ -156,7 +156,7 @@ def test_a_price_is_what_the_limit_costs(limits, field):
     """Planned again with the limit 1 % looser, the goal falls by the price, to first order."""
     problem = pose([0.05, 0.02, 0.03], 0.2, **limits)
     plan = plan_strike(problem, starts=2)
-    (price,) = [one for one in price_limits(problem.limits, plan) if field in one.key]
+    (price,) = [one for one in price_limits(problem.limits, [plan]) if field in one.key]
     wider = dc.replace(problem, limits=dc.replace(problem.limits, **{field: 1.01 * limits[field]}), unit=None)
     gain = plan.score - plan_strike(wider, starts=2, near=[plan.place]).score
     assert price.gain == pytest.approx(gain, rel=0.15)

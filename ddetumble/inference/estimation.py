@@ -147,7 +147,7 @@ def _fit(campaign: Campaign, wanted: Specification, resolved: ResolvedModel, set
     base, first = _fit_reference(problem, known, origins, not (told or saved), warnings)
     best: Bounded | None = None
     origin = base
-    places: list[tuple[np.ndarray, np.ndarray | None]] = [(first.u, first.z)] + [(base, first.z)] * told
+    places: list[tuple[np.ndarray, np.ndarray | None]] = [(u, first.z) for u in (first.u, base)[: 1 + told]]
     moves = [not is_added(name) and name not in whole.records.starts for name in whole.records.nuisances]
     if chosen and np.abs(first.z[:, moves]).max(initial=0.0) > STRAYED:
         # Settings that made up for what the reference model lacks would hold the grown one where they went.

@@ -29,7 +29,7 @@ from .measured import (
     warn_of_extrapolation,
 )
 from .plausibility import check_scenario
-from .prices import Price, list_reached, price_limits
+from .prices import ROUGH, Price, list_reached, price_limits
 from .problem import StrikeProblem
 from .robust import plan_robust_strike
 from .rules import Blow, compare_rules
@@ -45,8 +45,6 @@ AXIAL = 1e-3
 HOW_DRAWN = {"draws", "plan_for"}  # what of the errors is not their size
 LEAST_PRICE = 5e-4  # of the momentum, below which two plans leave the same: what the search itself leaves open
 USUAL_ERRORS = ErrorTable().model_dump(exclude=HOW_DRAWN)
-# Share of the gradient left over, from which a plan is not called an optimum: 2 %, above what differences of it err by.
-ROUGH = 0.02
 # Share of score or momentum before, below which nothing is left to gain, and no direction: a tenth of the least gain of
 # an impact.
 ENDED = 1e-3
@@ -103,8 +101,8 @@ class Plan(AbstractPrinted):
         ranges: over which the contact was measured.
         misfits: fitted models of the contact that leave more than noise of their own campaigns.
         beyond: the impacts planned without having to stay within these; None where they need not.
-        prices: of every impact, what it would gain if the limits that hold it were looser; empty where impulse or time
-            of the whole were minimised.
+        prices: of every impact, what it would gain if the limits that hold it were looser; empty where all impacts were
+            optimised together, whose prices stand in `sequence.joint`.
         rules: what simple rules make of the place of the first impact.
         spreads: what errors of the arm and of the estimate make of the first impact, by kind, then of all together.
         after: what all errors together leave after every impact; empty with one impact.
@@ -329,7 +327,7 @@ def _plan(problem: StrikeProblem, settings: PlanSettings, laws: Laws | None, con
         tell("trying errors of the arm and of the motion", math.nan)
         first = found.impacts[0]
         if found.joint is None or not found.joint.taken:
-            prices = tuple(price_limits(problem.limits, one) for one in found.impacts)
+            prices = tuple(price_limits(problem.limits, [one]) for one in found.impacts)
         rules, spreads = compare_rules(problem, first), try_errors(problem, first, how.errors, how.seed)
         if len(found.impacts) > 1:
             after = follow_errors(problem, found.impacts, how.errors, how.seed)

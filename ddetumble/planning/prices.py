@@ -7,7 +7,7 @@ that this value does.
 
 import dataclasses as dc
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import equinox as eqx
 import numpy as np
@@ -21,6 +21,8 @@ from .single import ALLOWED, LEAST_GAIN, LOST, StrikePlan, Tally, ask_scipy, des
 
 # By how much a limit is loosened to state its price: small against the limit, and a number that people can picture.
 PART, MILLIMETRE, DEGREE, SECOND = 0.01, 1e-3, math.radians(1.0), 1.0
+# Share of the gradient left over, from which a plan is not called an optimum: 2 %, above what differences of it err by.
+ROUGH = 0.02
 # Of a scaled constraint or of a variable's range, within which a limit counts as reached: 1 % of most limits, and 1 mm
 # of the distance from an edge, which nobody would call room. That a reached limit costs anything is another question.
 REACHED = 0.01
@@ -34,11 +36,12 @@ ROUND = 1e-9  # of a scaled constraint, by which it may be missed: rounding, and
 
 @dc.dataclass(frozen=True)
 class Price:
-    """What an impact would gain if one limit were a little looser, all else optimised again."""
+    """What an impact, or a sequence of them, would gain if one limit were a little looser, all else optimised again."""
 
     key: str  # of the scenario
     change: str  # of the limit, in words
-    gain: float  # decrease of what is wanted small [-], to first order
+    gain: float  # decrease of what is wanted small, to first order
+    of: str = "goal"  # what that is: the `goal` [-]; of impacts together `share` [-], `impulse` [N s] or `time` [s]
 
 
 def _widen(limits: Limits, end: int) -> float:
@@ -50,6 +53,11 @@ def _widen(limits: Limits, end: int) -> float:
 def _wait(limits: Limits) -> float:
     early, late = (float(one) for one in limits.window)
     return 2.0 * SECOND / (late - early)
+
+
+def _hurry(limits: Limits) -> float:
+    """None where the window would begin before the motion does."""
+    return _wait(limits) if float(limits.window[0]) >= SECOND else 0.0
 
 
 # Key, change, and how much the scaled constraint or variable then allows.
@@ -67,22 +75,29 @@ PRICES: dict[str, tuple[str, str, Callable[[Limits], float]]] = {
     "highest pressure": ("limits.pressure", "the highest 1 % more", lambda limits: _widen(limits, 1)),
     "lowest pressure": ("limits.pressure", "the lowest 1 % less", lambda limits: _widen(limits, 0)),
     "highest instant": ("limits.window", "1 s later", _wait),
-    "lowest instant": ("limits.window", "1 s earlier", _wait),
+    "lowest instant": ("limits.window", "1 s earlier", _hurry),
 }
 
 
-def price_limits(limits: Limits, plan: StrikePlan) -> tuple[Price, ...]:
-    r"""Prices of the limits that hold a planned impact, the dearest first.
+def price_limits(limits: Limits, plans: Iterable[StrikePlan], of: str = "goal", unit: float = 1.0
+                 ) -> tuple[Price, ...]:
+    r"""Prices of the limits that hold a planned impact, or several that were optimised together, the dearest first.
 
     With the multiplier $\lambda$ of a constraint $c(x, l) \ge 0$, the optimum falls by
-    $\lambda\,\partial c/\partial l\,\Delta l$ where the limit $l$ is changed by $\Delta l$ (envelope theorem).
+    $\lambda\,\partial c/\partial l\,\Delta l$ where the limit $l$ is changed by $\Delta l$ (envelope theorem); that
+    of impacts together by the sum over them, as a limit holds for all. `unit` is what a multiplier counts, of `of`.
+    There are none where a plan is no optimum, as its multipliers mean nothing.
     """
     found: dict[tuple[str, str], float] = {}
-    for name, multiplier in plan.certificate.binding.items():
-        if name in PRICES and multiplier > 0.0:
-            key, change, allow = PRICES[name]
-            found[key, change] = found.get((key, change), 0.0) + multiplier * allow(limits)
-    return tuple(sorted((Price(key, change, gain) for (key, change), gain in found.items()),
+    certificates = [plan.certificate for plan in plans]
+    if any(one.stationarity > ROUGH for one in certificates):
+        return ()
+    for name, multiplier in (item for one in certificates for item in one.binding.items() if item[0] in PRICES):
+        key, change, allow = PRICES[name]
+        gain = multiplier * allow(limits) * unit
+        if gain > 0.0:
+            found[key, change] = found.get((key, change), 0.0) + gain
+    return tuple(sorted((Price(key, change, gain, of) for (key, change), gain in found.items()),
                         key=lambda price: -price.gain))
 
 

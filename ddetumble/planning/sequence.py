@@ -22,7 +22,7 @@ from ..families.impact import read_values
 from ..inference.programs import keep_program
 from .constraints import MISSED, judge, with_slopes
 from .multistart import find_bounds
-from .prices import Relaxation, find_relaxations
+from .prices import Price, Relaxation, find_relaxations, price_limits
 from .problem import StrikeProblem, list_faces, measure_share, reach_speed, read_design, strike_debris
 from .single import ALLOWED, STARTS, TURN, StrikePlan, Tally, certify, descend, make_plan, plan_strike, remember
 
@@ -62,6 +62,7 @@ class Joint:
     impulse: float  # sizes of all contact impulses added up [N s]
     duration: float  # from time 0 to the last separation [s]
     alone: tuple[int, float, float, float]  # the same four of the one that was planned one after the other
+    prices: tuple[Price, ...] = ()  # where it was taken: what looser limits of all impacts would gain
 
 
 @dc.dataclass(frozen=True)
@@ -356,7 +357,10 @@ def refine_sequence(problem: StrikeProblem, sequence: Sequence, share: float, ai
     found = add_up(problem, plans, share * (1 + SLACK))
     taken = all(plan.allowed for plan in plans) and (found.reached or aim == "share")
     if taken:
-        joint = Joint(aim, True, *found.outcome, sequence.outcome)
+        # A change of the square of the share is one of the share twice as large as that, times what is left.
+        counted = unit / (2.0 * found.left) if aim == "share" and found.left > 0.0 else unit
+        prices = price_limits(problem.limits, found.impacts, aim, counted)
+        joint = Joint(aim, True, *found.outcome, sequence.outcome, prices)
     return dc.replace(found, reached=found.reached and taken, bound=sequence.bound, floor=sequence.floor,
                       refused=sequence.refused, joint=joint)
 

@@ -27,8 +27,8 @@ from ..measurement.units import choose_time_unit
 from ..planning.errors import NAMES
 from ..planning.execution import Spread
 from ..planning.measured import Extrapolation, format_extrapolation, list_extrapolations
-from ..planning.plan import ENDED, ROUGH, Plan, find_end
-from ..planning.prices import REACHED
+from ..planning.plan import ENDED, Plan, find_end
+from ..planning.prices import REACHED, ROUGH
 from ..planning.problem import StrikeProblem, list_faces, measure_share
 from ..planning.scenario import CLAMPED
 from ..planning.sequence import Sequence
@@ -47,7 +47,10 @@ WORDS = {
     "tail": "The impacts are planned for the mean over the worst share of the draws, and every limit holds for the "
             "mean over its own worst share.",
 }
-CHEAP = 1e-6  # of the goal, below which nothing is gained by a looser limit
+CHEAP = 1e-6  # of the goal, N s or s, below which nothing is gained by a looser limit
+# What the prices of impacts that were optimised together count: words, unit, and that unit's inverse.
+GAINS = {"share": ("the momentum left", "points", 100.0), "impulse": ("the sum of all impulses", "N s", 1.0),
+         "time": ("the time until the last separation", "s", 1.0)}
 OUTCOME = ("momentum left, mean [%]", "95 % of draws below [%]", "more than before [%]", "missed [%]",
            "limits violated [%]")
 # Unit in which errors are shown, and its number in SI.
@@ -365,6 +368,13 @@ def _show_alternatives(plan: Plan) -> Section:
         tables.append(Table(["impact", "limit", "change", "gain [points]"], rows,
                             "What a limit costs: hundredths of the goal that the impact would gain if it were a little "
                             "looser, to first order."))
+    together = [] if joint is None or not joint.taken else [one for one in joint.prices if one.gain > CHEAP]
+    if together:
+        words, unit, scale = GAINS[together[0].of]
+        tables.append(Table(["limit", "change", f"gain [{unit}]"],
+                            [[one.key, one.change, f"{scale * one.gain:.2g}"] for one in together],
+                            f"What a limit costs: by how much {words} would be less if it were a little looser for all "
+                            "impacts, which were optimised together, to first order."))
     own = measure_share(plan.problem, np.asarray(first.collision.angular_velocity))
     shown = [["as planned", f"{100 * own:.2f}", "none", _show(float(np.linalg.norm(first.design.velocity)), 3),
               f"{100 * own:.2f}"]]
@@ -377,8 +387,8 @@ def _show_alternatives(plan: Plan) -> Section:
          "momentum left within limits [%]"], shown,
         "The first impact beside simple rules at the same place, instant and pressure: with the planned arm speed, and "
         "with the best that the limits allow. Against the velocity of the struck point is the paper's rule."))
-    told = tell("plan.costs", limits=_number_impacts(plan.reached), within=REACHED, priced=bool(rows),
-                joint=joint is not None and joint.taken, ended=plan.optimality[-1] == "nothing left",
+    told = tell("plan.costs", limits=_number_impacts(plan.reached), within=REACHED, priced=bool(rows or together),
+                ended=plan.optimality[-1] == "nothing left", rough="not an optimum" in plan.optimality,
                 count=len(plan.impacts))
     return Section("What limits cost, and what simple rules would do", told, tables=tables)
 
