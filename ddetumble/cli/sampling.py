@@ -42,7 +42,7 @@ def sample_posterior(
     prior: Prior = None,
     output: Annotated[Path | None, place("Folder for draws and report; for fit.toml, its own by default.")] = None,
     nuts: Annotated[bool, typer.Option("--nuts", help="Use NUTS instead of emcee; needs the extra `nuts`.")] = False,
-    effective: Annotated[Count, option("N", "Effective sample size wanted of every parameter [2000].")] = None,
+    effective: Annotated[Count, option("N", "Effective sample size wanted of every parameter [1000].")] = None,
     steps: Annotated[Count, option("N", "Stop after this many steps, converged or not [5000].")] = None,
     walkers: Annotated[Count, option("N", "Number of walkers of an ensemble; even.")] = None,
     ensembles: Annotated[Count, option("N", "Number of independent ensembles, or of chains of NUTS [4].")] = None,

@@ -33,7 +33,7 @@ class Sampler(Strict):
     ensembles: StrictInt = Field(default=4, ge=1, description="independent ones; chains of NUTS")
     steps: StrictInt = Field(default=5000, ge=1, description="after the burn-in, at most")
     burn: StrictInt = Field(default=100, ge=0, description="first steps, which are left out")
-    effective: StrictInt = Field(default=2000, ge=1, description="independent draws that are wanted of every parameter")
+    effective: StrictInt = Field(default=1000, ge=1, description="independent draws that are wanted of every parameter")
 
 
 class Specification(Strict):

@@ -26,6 +26,9 @@ from .target import AbstractTarget
 
 SCHEMA = "ddetumble.chain/3"
 PLAN = "chain.json"
+# Independent draws, of which the ends of a 95 % interval err by a twelfth of a standard deviation; 400 are enough for
+# means and for R-hat (Vehtari et al., Bayesian Analysis 16 (2021) 667).
+EFFECTIVE = 1000
 Block = dict[str, np.ndarray]
 
 
@@ -37,7 +40,7 @@ class Settings:
     ensembles: int = 4  # independent ones, or chains of NUTS
     burn: int = 100  # first steps, from which the proposals are adapted and which are left out then
     block: int = 50  # steps between checkpoints
-    effective: int = 2000  # independent draws wanted of every parameter
+    effective: int = EFFECTIVE  # independent draws wanted of every parameter
     most: int = 5000  # steps after the burn-in at which to stop whatever was reached
     seed: int = 0  # of the random numbers
 
