@@ -26,7 +26,8 @@ from .parameters import ParameterSpace
 from .problem import Problem, Solution, count_steps
 from .progressive_horizon import MOST, is_lost, solve_progressively
 from .specification import Prior, Specification, read_specification
-from .stack import hold_conditions, is_added, stack_records
+from .stack import hold_conditions, stack_records
+from .variance_components import list_settings
 
 
 STARTS = 12  # tried at most
@@ -147,9 +148,10 @@ def _fit(campaign: Campaign, wanted: Specification, resolved: ResolvedModel, set
     base, first = _fit_reference(problem, known, origins, not (told or saved), warnings)
     best: Bounded | None = None
     origin = base
-    places: list[tuple[np.ndarray, np.ndarray | None]] = [(u, first.z) for u in (first.u, base)[: 1 + told]]
-    moves = [not is_added(name) and name not in whole.records.starts for name in whole.records.nuisances]
-    if chosen and np.abs(first.z[:, moves]).max(initial=0.0) > STRAYED:
+    places: list[tuple[np.ndarray, np.ndarray | None]] = [(first.u, first.z)]
+    if told:
+        places.append((base, first.z))
+    if chosen and np.abs(first.z[:, list_settings(problem.records)]).max(initial=0.0) > STRAYED:
         # Settings that made up for what the reference model lacks would hold the grown one where they went.
         places.append((base, None))
     starts = [(u, z, values) for values in _list_starts(chosen, names, given, resolved) for u, z in places]

@@ -16,6 +16,9 @@ SECTIONS = {  # whose keys are parameters, and what stands there
     "priors": "must be { mean = number, sd = positive number }", "bounds": "must be [low, high]",
 }  # fmt: skip
 Number = StrictFloat | StrictInt
+# Independent draws, of which the ends of a 95 % interval err by a twelfth of a standard deviation; 400 are enough for
+# means and for R-hat (Vehtari et al., Bayesian Analysis 16 (2021) 667).
+EFFECTIVE = 1000
 
 
 class Prior(Strict):
@@ -33,7 +36,8 @@ class Sampler(Strict):
     ensembles: StrictInt = Field(default=4, ge=1, description="independent ones; chains of NUTS")
     steps: StrictInt = Field(default=5000, ge=1, description="after the burn-in, at most")
     burn: StrictInt = Field(default=100, ge=0, description="first steps, which are left out")
-    effective: StrictInt = Field(default=1000, ge=1, description="independent draws that are wanted of every parameter")
+    effective: StrictInt = Field(default=EFFECTIVE, ge=1,
+                                 description="independent draws that are wanted of every parameter")
 
 
 class Specification(Strict):

@@ -29,14 +29,14 @@ from .measured import (
     warn_of_extrapolation,
 )
 from .plausibility import check_scenario
-from .prices import ROUGH, Price, list_reached, price_limits
+from .prices import Price, list_reached, price_limits
 from .problem import StrikeProblem
 from .robust import plan_robust_strike
 from .rules import Blow, compare_rules
 from .scenario import pose_laws, pose_problem
 from .scenario_file import ErrorTable, Scenario, find_scenario, read_scenario
 from .sequence import Sequence, plan_together
-from .single import LEAST_GAIN, STARTS, StrikePlan
+from .single import LEAST_GAIN, ROUGH, STARTS, StrikePlan
 from .uncertainty import Assessment, Prospect, assess_plan, assess_sequence
 
 

@@ -16,13 +16,11 @@ from .._numerics import scalar
 from .constraints import CONSTRAINTS
 from .multistart import Place, evolve_designs, find_bounds
 from .problem import VARIABLES, Limits, StrikeProblem, allow_speed, score
-from .single import ALLOWED, LEAST_GAIN, LOST, StrikePlan, Tally, ask_scipy, descend
+from .single import ALLOWED, LEAST_GAIN, LOST, ROUGH, StrikePlan, Tally, ask_scipy, descend
 
 
 # By how much a limit is loosened to state its price: small against the limit, and a number that people can picture.
 PART, MILLIMETRE, DEGREE, SECOND = 0.01, 1e-3, math.radians(1.0), 1.0
-# Share of the gradient left over, from which a plan is not called an optimum: 2 %, above what differences of it err by.
-ROUGH = 0.02
 # Of a scaled constraint or of a variable's range, within which a limit counts as reached: 1 % of most limits, and 1 mm
 # of the distance from an edge, which nobody would call room. That a reached limit costs anything is another question.
 REACHED = 0.01
@@ -56,7 +54,7 @@ def _wait(limits: Limits) -> float:
 
 
 def _hurry(limits: Limits) -> float:
-    """None where the window would begin before the motion does."""
+    """As `_wait`, and 0 where the window would begin before the motion does."""
     return _wait(limits) if float(limits.window[0]) >= SECOND else 0.0
 
 

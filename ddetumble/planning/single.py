@@ -33,6 +33,8 @@ LEAST_GAIN = 0.01
 FOUND = 0.9  # of the largest gain that closed forms see, which they must see at a plan; they err by a few per cent
 # Further searches, their starts over those of the first, and what their seeds differ by (a prime: no two coincide).
 WIDER, MORE, TURN = 2, 4, 1009
+# Share of the gradient left over, from which a plan is not called an optimum: 2 %, above what differences of it err by.
+ROUGH = 0.02
 STEP = 1e-4  # of the differences that a gradient is checked by: between rounding (smaller) and curvature (larger)
 
 T = TypeVar("T")

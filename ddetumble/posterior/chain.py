@@ -19,6 +19,7 @@ import numpy as np
 from .._display import Progress
 from .._errors import InputError
 from ..inference.files import claim_folder, hold_folder, write_whole
+from ..inference.specification import EFFECTIVE
 from .diagnostics import judge_chains
 from .result import Posterior, summarise_posterior
 from .target import AbstractTarget
@@ -26,9 +27,6 @@ from .target import AbstractTarget
 
 SCHEMA = "ddetumble.chain/3"
 PLAN = "chain.json"
-# Independent draws, of which the ends of a 95 % interval err by a twelfth of a standard deviation; 400 are enough for
-# means and for R-hat (Vehtari et al., Bayesian Analysis 16 (2021) 667).
-EFFECTIVE = 1000
 Block = dict[str, np.ndarray]
 
 

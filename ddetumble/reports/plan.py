@@ -28,11 +28,11 @@ from ..planning.errors import NAMES
 from ..planning.execution import Spread
 from ..planning.measured import Extrapolation, format_extrapolation, list_extrapolations
 from ..planning.plan import ENDED, Plan, find_end
-from ..planning.prices import REACHED, ROUGH
+from ..planning.prices import REACHED
 from ..planning.problem import StrikeProblem, list_faces, measure_share
 from ..planning.scenario import CLAMPED
 from ..planning.sequence import Sequence
-from ..planning.single import StrikePlan
+from ..planning.single import ROUGH, StrikePlan
 from ..planning.uncertainty import Assessment, Prospect
 from .page import Section, Table, draw_picture, read_text, write_page
 
