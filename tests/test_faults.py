@@ -538,7 +538,7 @@ def test_two_records_with_the_settings_of_each_other_are_left_out(request, famil
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("hidden", ["clean", "grown"])
+@pytest.mark.parametrize("hidden", ["clean", pytest.param("grown", marks=pytest.mark.study)])
 def test_gauge_pressures_taken_for_absolute_ones_are_asked_about(request, hidden):
     """An atmosphere too little in every record looks like physics; nothing is named before that is settled."""
     campaign = read_campaign(request.getfixturevalue(hidden)["impact"])
@@ -565,8 +565,8 @@ def test_restatements_of_a_campaign(request):
     assert len(list_restatements(free)) == 1
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("hidden", [pytest.param("clean", marks=pytest.mark.study), "grown"])
+@pytest.mark.study
+@pytest.mark.parametrize("hidden", ["clean", "grown"])
 def test_a_radius_given_for_a_diameter_is_asked_about(request, hidden):
     """Half a diameter looks like physics; no effect is named before that is settled."""
     campaign = read_campaign(request.getfixturevalue(hidden)["impact"])

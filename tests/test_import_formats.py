@@ -178,7 +178,7 @@ def test_conditions_in_a_spreadsheet_of_their_own(tmp_path, ending):
     assert {str(table), "sheet Table", "column p", "line 2"} <= set(str(caught.value).partition(": ")[0].split(", "))
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow if name == "run.mf4" else ())
+@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.study if name == "run.mf4" else ())
                                   for name in FILES])
 def test_files_cut_off_or_of_another_kind(tmp_path, name):
     """Cut anywhere, a file is refused; so is text under its ending."""
@@ -510,7 +510,7 @@ def test_damaged_files(tmp_path, name, monkeypatch):
     """A campaign or a sentence comes of each; many more are in fits/reader-fuzz."""
     monkeypatch.setattr(recordings, "PATIENCE", 5.0)
     valid, truth = prepare(name, tmp_path)
-    for seed in range(24):
+    for seed in range(12):
         attempt = try_one(name, seed, tmp_path, valid, truth)
         assert attempt.outcome != "finding", (seed, attempt)
 

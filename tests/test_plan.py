@@ -282,7 +282,8 @@ share = 0.368
 """
 
 
-@pytest.mark.parametrize("seed, speed", [(0, 2.0), (1, 2.0), (0, 0.6)])
+@pytest.mark.parametrize("seed, speed", [
+    (0, 2.0), *(pytest.param(*one, marks=pytest.mark.study) for one in ((1, 2.0), (0, 0.6)))])
 def test_limits_that_allow_a_tenth_of_the_arms_speed(tmp_path, seed, speed):
     """76 N let a ball approach at 0.2 m/s: every seed and every arm finds the nine impacts that this takes.
 
@@ -580,7 +581,9 @@ def test_bodies_of_equal_moments_are_planned_for(tmp_path, shape):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("shape", ['shape = "box"\nlengths = [1.0, 2.0, 3.0]', 'shape = "sphere"\nradius = 1.0'])
+@pytest.mark.parametrize("shape", [
+    'shape = "box"\nlengths = [1.0, 2.0, 3.0]',
+    pytest.param('shape = "sphere"\nradius = 1.0', marks=pytest.mark.study)], ids=["box", "sphere"])
 def test_other_convex_bodies_are_planned_for(tmp_path, shape):
     """Through the command: allowed, gradients right, and the momentum after is what the impulse makes of it.
 
