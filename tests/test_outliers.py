@@ -10,9 +10,10 @@ from helpers_statistics import TIME, assert_rate, fit_toy, make_selection, white
 from scipy import stats
 
 from ddetumble import InputError
+from ddetumble.inference.problem import mask_records
 from ddetumble.measurement.faults import Fault
 from ddetumble.selection import lack_of_fit, leave_record_out, outliers
-from ddetumble.selection.leave_record_out import Misfit, judge, mask_records, measure_record, set_aside
+from ddetumble.selection.leave_record_out import Misfit, judge, measure_record, set_aside
 from ddetumble.selection.outliers import find_culprit, find_suspects, is_enclosed, tell_fault
 from ddetumble.selection.settings import OutlierSettings, SelectionSettings
 

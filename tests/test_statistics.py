@@ -110,7 +110,7 @@ def test_left_out_conditions_are_predicted_by_a_refit(free_running):
 
     def solve(names, u, z, moving):
         seen.update(u=u, z=z)
-        return SimpleNamespace(channels=np.zeros((RECORDS, 1, ROWS)), failed=())
+        return SimpleNamespace(channels=np.zeros((RECORDS, 1, ROWS)), residual=np.zeros((RECORDS, ROWS)), failed=())
 
     records = SimpleNamespace(count=RECORDS, keys=list("abcdef"), channels=("force",), stack=SimpleNamespace(time=time))
     space = SimpleNamespace(index={name: k for k, name in enumerate(NAMES)},
@@ -135,7 +135,7 @@ def predict_linear(linear, adjust, fails=()):
         seen.update(u=u, z=z)
         if fails is None:
             raise ComputationError("no")
-        return SimpleNamespace(channels=np.zeros((RECORDS, 1, ROWS)), failed=fails)
+        return SimpleNamespace(channels=np.zeros((RECORDS, 1, ROWS)), residual=np.zeros((RECORDS, ROWS)), failed=fails)
 
     time = np.tile(np.linspace(0.0, 1.0, ROWS), (RECORDS, 1))
     records = SimpleNamespace(count=RECORDS, keys=list("abcdef"), channels=("force",), stack=SimpleNamespace(time=time))

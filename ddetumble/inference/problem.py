@@ -7,7 +7,7 @@ unknowns with their stated uncertainty as prior, eliminated by the bordered stru
 import abc
 import contextlib
 import dataclasses as dc
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextvars import ContextVar
 from functools import partial
 from typing import NamedTuple
@@ -459,3 +459,23 @@ class Problem(AbstractProblem):
             tuple(free), u, z_new, scales, found.residual, found.shared[:, :, : len(free)], found.own, found.channels,
             found.state, found.state_rate, found.end, prior, weight[: len(free)], chi2, bool(converged) and not failed,
             int(steps), failed)
+
+
+def replace_arrays(problem: Problem, **arrays) -> Problem:
+    """The same problem with other arrays in its stack: programs are shared."""
+    new = {name: x if name == "conditions" else jnp.asarray(x) for name, x in arrays.items()}
+    records = dc.replace(problem.records, stack=dc.replace(problem.records.stack, **new))
+    return type(problem)(problem.space, records, problem.priors)
+
+
+def settle(problem: Problem, names: tuple[str, ...], u: np.ndarray, z: np.ndarray) -> Solution:
+    """Nuisances fitted with all parameters held, and the derivatives there."""
+    still = problem.solve((), u, z, tolerance=1e-2)
+    return problem.solve(names, u, still.z, moving=False)
+
+
+def mask_records(problem: Problem, gone: Collection[int]) -> Problem:
+    """The same records, some without weight."""
+    weights = np.asarray(problem.records.stack.weights).copy()
+    weights[list(gone)] = 0.0
+    return replace_arrays(problem, weights=weights)

@@ -98,25 +98,41 @@ def estimate_spread(records: Records, solution: Solution, known: Mapping[str, fl
 def follow_conditions(shifts: np.ndarray, groups: np.ndarray, conditions: np.ndarray) -> float:
     """p-value of shifts of a setting having nothing to do with the conditions: those of physics are alike in repeats.
 
-    An F-test of the conditions' means about zero against the scatter within conditions, and t-tests of the mean and of
-    the slope over the logarithm of every condition; the smallest p-value counts as often as there are tests, and it is
-    0 where there are too few records to tell. Shifts and numbers of their conditions (`groups`) have shape (records,),
-    `conditions`, which are positive, (records, conditions).
+    F-tests of the means of records at one condition about zero against their scatter, and of those that share all
+    settings but one; t-tests of the mean and of the slope over the logarithm of every condition. The smallest p-value
+    counts as often as there are tests, and it is 0 where there are too few records to tell. Shifts and numbers of their
+    conditions (`groups`) have shape (records,), `conditions`, which are positive, (records, conditions).
     """
-    labels = np.unique(groups)
-    within, chances = len(shifts) - len(labels), []
-    if within >= FREE:
-        means = np.array([shifts[groups == g].mean() for g in labels])
-        sizes = np.array([np.sum(groups == g) for g in labels])
-        scatter = sum(float(np.sum((shifts[groups == g] - m) ** 2)) for g, m in zip(labels, means, strict=True))
-        chances.append(stats.f.sf(float(sizes @ means**2) / len(labels) / max(scatter / within, 1e-300), len(labels),
-                                  within))
+    logarithms = np.log(np.maximum(np.abs(conditions), 1e-300))
+    varied = logarithms[:, np.ptp(logarithms, axis=0) > APART] if len(logarithms) else logarithms
+    # The place in a series, of which every record has its own, is shared by none.
+    levels = [found for found in map(_find_levels, varied.T) if 2 * found.max() < len(shifts)]
+    shared = [np.unique(np.stack(levels[:k] + levels[k + 1:]), axis=1, return_inverse=True)[1].ravel()
+              for k in range(len(levels))] if len(levels) > 1 else []
+    chances = [chance for labels in (groups, *shared) if (chance := _compare_groups(shifts, labels)) is not None]
     if len(shifts) >= FREE + 2:
-        logarithms = np.log(np.maximum(np.abs(conditions), 1e-300))
-        tests: list[Any] = [stats.ttest_1samp(shifts, 0.0),
-                            *(stats.linregress(x, shifts) for x in logarithms.T if np.ptp(x) > APART)]
+        tests: list[Any] = [stats.ttest_1samp(shifts, 0.0), *(stats.linregress(x, shifts) for x in varied.T)]
         chances += [one.pvalue for one in tests]
     return combine_p_values([float(chance) for chance in chances if np.isfinite(chance)]) if chances else 0.0
+
+
+def _find_levels(values: np.ndarray) -> np.ndarray:
+    """Number of the level of every value, from below: one ends where a gap follows."""
+    order = np.argsort(values)
+    found = np.zeros(len(values), dtype=int)
+    found[order[1:]] = np.cumsum(np.diff(values[order]) > APART)
+    return found
+
+
+def _compare_groups(shifts: np.ndarray, groups: np.ndarray) -> float | None:
+    """p-value of the means of groups being zero within the scatter of their members; None where that is not known."""
+    labels, sizes = np.unique(groups, return_counts=True)
+    within = len(shifts) - len(labels)
+    if within < FREE:
+        return None
+    means = np.array([shifts[groups == g].mean() for g in labels])
+    scatter = sum(float(np.sum((shifts[groups == g] - m) ** 2)) for g, m in zip(labels, means, strict=True))
+    return float(stats.f.sf(float(sizes @ means**2) / len(labels) / max(scatter / within, 1e-300), len(labels), within))
 
 
 @dc.dataclass(frozen=True)

@@ -15,13 +15,12 @@ from ..dynamics.spinning import RATES
 from ..families import find_family, name_family
 from ..families.starts import fill_gaps, integrate_couple
 from ..inference import distributions as stats
-from ..inference.problem import Solution
+from ..inference.problem import Solution, replace_arrays, settle
 from ..inference.stack import DRIFT
 from ..measurement.campaign import Campaign
 from ..measurement.faults import Fault
 from ..measurement.units import format_time, si_unit
-from .lack_of_fit import replace_arrays
-from .leave_record_out import Aside, Misfit, measure_record, settle, whiten_baseline, whiten_columns
+from .leave_record_out import Aside, Misfit, measure_record, whiten_baseline, whiten_columns
 from .problem import SelectionProblem
 from .settings import DEFAULT, OutlierSettings
 

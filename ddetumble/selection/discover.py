@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path as FilePath
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from ..measurement.campaign import Campaign, count_conditions
 from ..measurement.plausibility import check_plausibility
 from ..measurement.quantities import describe_quantity
 from ..measurement.units import Uncertainty
-from .bias import SettingBias, find_bias, matches_effects, stand_in
+from .bias import SettingBias, find_bias, join_alike, matches_effects, stand_in
 from .describe import describe_candidates, describe_noise, describe_spread, describe_step, list_loose, make_fit
 from .discovery import Discovery
 from .explanations import list_added, list_explanations
@@ -85,7 +85,7 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
 
     state, path = _select_from_clean(begin, begin_cleaning(campaign, keep_all, settings), settings, report)
     name, others = asked.name, {}
-    path, shared = _allow_bias(allow_scatter(path, report), begin, state, report)
+    path, shared, instead = _allow_bias(allow_scatter(path, report), begin, state, report)
     path = allow_wander(path, report)
     # A wrong unit that would explain what is odd about the campaign is asked about before any physics is named.
     questions = tuple(str(one) for one in check_plausibility(state.campaign) if one.mistakes)
@@ -135,7 +135,11 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     unsure = (questions or end.irregular or end.rounding is not None
               or any(fault.kind == "doubtful" for fault in state.faults))
     sufficient = [] if unsure else [c.effect for c in candidates if c.explains > settings.largest_part]
-    explanations, makers = list_explanations(path, end.dropped or steps, end.biases, sufficient, name, verdict)
+    dropped, unproven = list_added(end.dropped) if end.dropped else (), (path, end.dropped or steps, end.biases)
+    if instead is not None and shared is not None and verdict == "explained" and name == asked.name:
+        dropped = tuple(one for one in list_added(instead.steps) if one[0] in shared.effects)
+        unproven = instead, instead.steps, [dc.replace(one, effects=shared.effects) for one in (shared, *shared.alike)]
+    explanations, makers = list_explanations(*unproven, sufficient, name, verdict)
     found = Discovery(
         campaign=campaign.name, title=campaign.title, family=campaign.family, sha256=campaign.sha256, model=name,
         verdict=verdict, effects=last.fitted.effects, steps=tuple(described), candidates=tuple(candidates),
@@ -146,7 +150,7 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
         faults=state.faults, doubts=doubts, references=tuple(
             _describe_reference(n, kind.models[n].text, *one) for n, one in reached.items()),
         spread=describe_spread(selection), irregular=end.irregular, biases=tuple(end.biases), shared_error=shared,
-        rounding=end.rounding, dropped=list_added(end.dropped) if end.dropped else (), explanations=explanations,
+        rounding=end.rounding, dropped=dropped, explanations=explanations,
         missing=end.missing if isinstance(end.missing, MissingForce) and not end.irregular else None,
         made=(*made, makers))
     family, left_out = selection.family, selection.left_out
@@ -190,40 +194,53 @@ def _select_from_clean(begin: Begin, state: Cleaned, settings: SelectionSettings
     return state, path
 
 
-def _allow_bias(path: Path, begin: Begin, state: Cleaned, report: Progress) -> tuple[Path, SettingBias | None]:
-    """The same search with an error of one setting that all records share, where that leaves no misfit; and that error.
+class Allowed(NamedTuple):
+    """A search with an error of one setting that all records share."""
 
-    It is looked for where effects leave a misfit, beside each model on the way, and where it predicts better than the
-    effects after the first did. It then counts as one that the campaign states, so that effects and errors are fitted
-    together.
+    path: Path  # the search, with the error where there is one
+    error: SettingBias | None
+    instead: Path | None = None  # the search without the error, where what it finds in its place does as well
+
+
+def _allow_bias(path: Path, begin: Begin, state: Cleaned, report: Progress) -> Allowed:
+    """The same search with an error of one setting that all records share, where that leaves no misfit.
+
+    It is looked for where effects leave a misfit, beside each model on the way, and where effects after the first one
+    do no better than it: no physics is named where such an error does as well. It then counts as one that the campaign
+    states, so that effects and errors are fitted together.
     """
-    last, settings = path.steps[-1], path.selection.settings
-    if not path.selection.holds_out:
-        return path, None
+    selection, last, settings = path.selection, path.steps[-1], path.selection.settings
+    if not selection.holds_out:
+        return Allowed(path, None)
     if last.lack.rejected:
-        seen = next(filter(None, (find_bias(path.selection, step.fitted) for step in path.steps)), None)
+        seen = next(filter(None, (find_bias(selection, step.fitted) for step in path.steps)), None)
     else:
-        later = stand_in(path.selection, [step.fitted for step in path.steps[1:]]) if len(path.steps) > 2 else ([], [])
-        seen = min((one for ones in later for one in ones if one.merit < last.fitted.merit),
-                   key=lambda one: one.merit, default=None)
+        later = stand_in(selection, [step.fitted for step in path.steps[1:]]) if len(path.steps) > 2 else ([], [])
+        ones = sorted((one for ones in later for one in ones if matches_effects(
+            [one], last.fitted.merit, selection.find_effects(one.effects))), key=lambda one: one.merit)
+        seen = join_alike(ones[0], ones, settings) if ones else None
     if seen is None:
-        return path, None
+        return Allowed(path, None)
     report("allowing for a setting that is wrong alike in all records", 0.872)
     column = dc.replace(state.campaign.conditions[seen.name], common=Uncertainty(relative=settings.bias))
     campaign = dc.replace(state.campaign, conditions={**state.campaign.conditions, seen.name: column})
     inner = nest_progress(report, f"with the {describe_quantity(seen.name).name} wrong alike", 0.872, 0.872)
     found = allow_scatter(select_effects(*begin(campaign, state.zeros), inner), inner)
     before, last = last, found.steps[-1]
-    # An error that effects were dropped for must not bring others in.
-    if last.lack.rejected or (not before.lack.rejected and len(found.steps) >= len(path.steps)):
-        return path, None
+    # An error that effects were dropped for must bring no others in, and leave those beside it.
+    kept = {e for e in before.fitted.effects if e not in seen.effects}
+    if last.lack.rejected or (not before.lack.rejected and (
+            len(found.steps) >= len(path.steps) or not kept <= {*last.fitted.effects})):
+        return Allowed(path, None)
     solution, name = last.fitted.solution, f"{seen.name}_shift"
     place = solution.names.index(name)
-    return found, dc.replace(
+    tied = not before.lack.rejected and not settings.is_beaten(-seen.difference, seen.standard_error)
+    return Allowed(found, dc.replace(
         seen, bias=-float(solution.u[found.selection.space.index[name]]), merit=last.fitted.merit,
         sd=float(np.sqrt(max(solution.covariance()[place, place], 0.0))),
         # Effects that left a misfit were not compared with it.
-        effects=() if before.lack.rejected else tuple(e for e in before.fitted.effects if e not in last.fitted.effects))
+        effects=() if before.lack.rejected else tuple(e for e in before.fitted.effects if e not in last.fitted.effects)
+    ), path if tied else None)
 
 
 def _draw_force(path: Path, reference: Fitted, beside: Fitted, report: Progress) -> MissingForce | str:

@@ -9,9 +9,8 @@ from itertools import combinations
 import numpy as np
 
 from .._errors import ComputationError
-from ..inference.problem import Solution
+from ..inference.problem import Solution, replace_arrays
 from ..measurement.faults import Fault
-from .lack_of_fit import replace_arrays
 from .leave_record_out import measure_record
 from .problem import Fitted, SelectionProblem
 

@@ -238,6 +238,19 @@ def list_starts(selection: SelectionProblem, effect: str, scores: Sequence[Score
     return starts
 
 
+def start_anew(selection: SelectionProblem, fitted: Fitted) -> dict[str, float]:
+    """Interior starts of the effects that a fit has, the amplitudes on the side on which they are."""
+    space, found = selection.space, {}
+    for effect in fitted.effects:
+        found |= default_starts(selection.find_effect(effect))[0]
+        for name in selection.list_amplitudes(effect):
+            p = space.parameter(name)
+            if not p.sign and name in found:
+                side = np.sign(fitted.solution.u[space.index[name]] - p.default) or 1.0
+                found[name] = p.default + side * abs(found[name] - p.default)
+    return found
+
+
 def try_effects(selection: SelectionProblem, current: Fitted, scores: Sequence[Score],
                 report: Progress = lambda text, share: None) -> CandidateFits:
     """Refit `current` with each effect of the catalogue added, from interior starts; a wrong sign counts as absent.
@@ -280,6 +293,10 @@ def try_effects(selection: SelectionProblem, current: Fitted, scores: Sequence[S
         return effect not in screened or screened[effect].solution.chi2 > before.solution.chi2 + more
 
     jobs = [(e, s) for e in effects for s in list_starts(selection, e, scores, frequency)]
+    if not current.solution.converged:
+        # An effect that still runs along a valley may make up for what is missing: it starts anew, too.
+        anew = start_anew(selection, current)
+        jobs += [(e, {**anew, **s}) for e, s in jobs] if anew else []
     count = len(jobs)
     fit_all(jobs)
     # A second start, one Gauss-Newton step from the null, where the first led astray.

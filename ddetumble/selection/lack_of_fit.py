@@ -12,7 +12,6 @@ residual at a given state, noise does not.
 import dataclasses as dc
 from collections.abc import Mapping, Sequence
 
-import jax.numpy as jnp
 import numpy as np
 from scipy import sparse
 from scipy.interpolate import BSpline
@@ -22,7 +21,7 @@ from ..inference import distributions as stats
 from ..inference.goodness import combine_p_values, weigh_shifts
 from ..inference.noise import Noise, whitening_matrix, widen_by_student
 from ..inference.noise_estimation import list_spans, spline_columns
-from ..inference.problem import Problem, Solution
+from ..inference.problem import Problem, Solution, replace_arrays
 from ..inference.stack import Records, is_added
 from ..inference.variance_components import follow_conditions, list_settings
 from ..measurement.campaign import Campaign
@@ -318,13 +317,6 @@ def hold_settings(problem: Problem, solution: Solution) -> Solution:
     moves = np.array([name == "time" or name in records.starts or is_added(name) for name in records.nuisances])
     held = replace_arrays(problem, condition_sd=records.stack.condition_sd * moves)
     return held.solve(solution.names, solution.u, solution.z * moves, tolerance=1e-2)
-
-
-def replace_arrays(problem: Problem, **arrays) -> Problem:
-    """The same problem with other arrays in its stack: programs are shared."""
-    new = {name: x if name == "conditions" else jnp.asarray(x) for name, x in arrays.items()}
-    records = dc.replace(problem.records, stack=dc.replace(problem.records.stack, **new))
-    return type(problem)(problem.space, records, problem.priors)
 
 
 def measure_repeats(records: Records, solution: Solution, groups: np.ndarray, conditions: np.ndarray) -> float | None:

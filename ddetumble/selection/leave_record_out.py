@@ -8,9 +8,9 @@ from scipy.linalg import block_diag
 
 from ..inference import distributions as stats
 from ..inference.noise import whitening_matrix
-from ..inference.problem import Problem, Solution
+from ..inference.problem import Problem, Solution, mask_records, settle
 from ..inference.progressive_horizon import is_lost, solve_progressively
-from .lack_of_fit import TOLD, doubt_level, judge_smooth, orthonormalise, replace_arrays
+from .lack_of_fit import TOLD, doubt_level, judge_smooth, orthonormalise
 from .problem import SelectionProblem
 
 
@@ -107,19 +107,6 @@ def set_aside(selection: SelectionProblem, solution: Solution, record: int, out:
     return Aside(record, dc.replace(at, converged=rest.converged), stated, spread,
                  measure_record(selection, at, record, spread), others,
                  judge(selection, sum(m.total for m in others.values()), degrees))
-
-
-def settle(problem: Problem, names: tuple[str, ...], u: np.ndarray, z: np.ndarray) -> Solution:
-    """Nuisances fitted with all parameters held, and the derivatives there."""
-    still = problem.solve((), u, z, tolerance=1e-2)
-    return problem.solve(names, u, still.z, moving=False)
-
-
-def mask_records(problem: Problem, gone: Collection[int]) -> Problem:
-    """The same records, some without weight."""
-    weights = np.asarray(problem.records.stack.weights).copy()
-    weights[list(gone)] = 0.0
-    return replace_arrays(problem, weights=weights)
 
 
 def whiten_columns(problem: Problem, record: int, channel: int, columns: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from .._errors import InputError
+from ..inference.problem import mask_records, settle
 from ..measurement.campaign import Campaign, thin_campaign
 from ..measurement.faults import Fault, find_blind, screen_samples
 from ..measurement.quantities import join_words
@@ -20,7 +21,7 @@ from .cross_validation import leave_out
 from .data_errors import Diagnosis, diagnose, find_moving_zeros, find_rate_units, tell_zero
 from .exchanges import find_exchange, tell_exchange
 from .lack_of_fit import score_directions
-from .leave_record_out import Aside, mask_records, measure_record, set_aside, settle
+from .leave_record_out import Aside, measure_record, set_aside
 from .problem import Fitted, SelectionProblem
 from .settings import DEFAULT, SelectionSettings
 

@@ -48,7 +48,8 @@ def describe_level(error: float, noise: float, shifts: Sequence[SettingShift], h
 def _describe_bias(one: SettingBias) -> dict[str, Any]:
     """Facts of a setting that may be wrong alike in all records."""
     return {"name": describe_quantity(one.name).name, "high": one.bias > 0, "size": f"{100 * abs(one.bias):.2g} %",
-            "error": f"{100 * one.sd:.1g} %", "effects": list(one.effects)}
+            "error": f"{100 * one.sd:.1g} %", "effects": list(one.effects),
+            "alike": [_describe_bias(other) for other in one.alike]}
 
 
 def _describe_spread(one: SettingSpread) -> dict[str, Any]:
@@ -86,6 +87,7 @@ def _list_allowed(found: Discovery) -> dict[str, Any]:
     return {"uneven": [(channels, grows) for grows, channels in sorted(uneven.items())], "wandering": wandering,
             "every": 1 < len(wandering) == len(found.noise), "hums": [(ch, list(f)) for f, ch in sorted(hums.items())],
             "shared": _describe_bias(found.shared_error) if found.shared_error is not None else None,
+            "told": bool(found.dropped),
             "loose": [_describe_spread(one) for one in found.spread]}
 
 
@@ -115,6 +117,9 @@ def tell_discovery(found: Discovery, family: Family, left_out: Sequence[str], un
                          before=_level(first, found)))
     else:
         parts.append(_tell_verdict(found, family, folds))
+        if found.shared_error is not None and found.dropped:
+            parts.append(say("verdict.error_or_effect", error=_describe_bias(found.shared_error),
+                             choices=[(added, list(others)) for added, others in found.dropped]))
         sensors = {effect.id for effect in family.catalogue if effect.stage in MEASURING} & {*found.effects}
         if sensors:
             parts.append(say("verdict.gauge", effects=sorted(sensors)))
