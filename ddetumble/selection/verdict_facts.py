@@ -87,7 +87,7 @@ def _list_allowed(found: Discovery) -> dict[str, Any]:
     return {"uneven": [(channels, grows) for grows, channels in sorted(uneven.items())], "wandering": wandering,
             "every": 1 < len(wandering) == len(found.noise), "hums": [(ch, list(f)) for f, ch in sorted(hums.items())],
             "shared": _describe_bias(found.shared_error) if found.shared_error is not None else None,
-            "told": bool(found.dropped),
+            "told": _is_tied(found),
             "loose": [_describe_spread(one) for one in found.spread]}
 
 
@@ -117,7 +117,7 @@ def tell_discovery(found: Discovery, family: Family, left_out: Sequence[str], un
                          before=_level(first, found)))
     else:
         parts.append(_tell_verdict(found, family, folds))
-        if found.shared_error is not None and found.dropped:
+        if _is_tied(found) and found.shared_error is not None:
             parts.append(say("verdict.error_or_effect", error=_describe_bias(found.shared_error),
                              choices=[(added, list(others)) for added, others in found.dropped]))
         sensors = {effect.id for effect in family.catalogue if effect.stage in MEASURING} & {*found.effects}
@@ -139,7 +139,7 @@ def tell_discovery(found: Discovery, family: Family, left_out: Sequence[str], un
         alike = [one for one in list_choices(found) if one[1]]
         if alike:
             parts.append(say("verdict.alike", choices=alike, remedies=family.suggest(found.noise)))
-        elif found.verdict == "explained":
+        elif found.verdict == "explained" and not _is_tied(found):
             parts.append(say("verdict.unique", folds=folds))
         needs = {effect.id: effect.requires for effect in family.catalogue}
         ordered = [e for e in left_out if "sequence" in needs.get(e, ())]
@@ -158,6 +158,11 @@ def tell_discovery(found: Discovery, family: Family, left_out: Sequence[str], un
     if found.verdict != "nothing-missing" and not _rests_on_record(found):
         parts += [say("verdict.one_record", record=record) for record in _list_doubtful(found)]
     return join_sentences(*parts)
+
+
+def _is_tied(found: Discovery) -> bool:
+    """Whether effects that gave way to the error of a setting would do as well in its place."""
+    return found.verdict == "explained" and found.shared_error is not None and bool(found.dropped)
 
 
 def _list_doubtful(found: Discovery) -> list[str]:
