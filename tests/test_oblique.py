@@ -421,6 +421,18 @@ def test_campaigns_that_cannot_be(tmp_path, change, message):
                        resolve_model("paper", "oblique").reference)
 
 
+def test_a_baseline_beside_the_contact_is_no_friction(tmp_path):
+    """A gauge that strays where the ball is not pressed on has no wrong sign."""
+    def stray(folder):
+        table = pd.read_csv(folder / "samples.csv")
+        table.loc[table["normal_force"] < 1.0, "tangential_force"] -= 10.0
+        table.to_csv(folder / "samples.csv", index=False)
+
+    campaign = read_campaign(copy_campaign(tmp_path / "copy", stray))
+    assert min(campaign.trace(key)["tangential_force"].sum() for key in campaign.record_keys) < -50.0
+    assemble_space(campaign, resolve_model("paper", "oblique").reference)
+
+
 def test_unstated_rolling_mass_is_told(tmp_path):
     """What is assumed of the ball's inertia stands in the notes."""
     campaign = read_campaign(copy_campaign(tmp_path / "copy", edit_known(rolling_mass=None)))

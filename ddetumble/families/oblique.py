@@ -19,7 +19,7 @@ def check_directions(campaign: Campaign) -> None:
     """Refuse oblique records whose friction pushes the ball on: speed and force are given along axes that differ.
 
     Raises:
-        InputError: A tangential speed is negative, or the impulse of a tangential force is, beyond its noise.
+        InputError: A tangential speed is negative, or beyond its noise a tangential force while the ball is pressed on.
     """
     file = None if campaign.path is None else campaign.path / "records.csv"
     speeds = campaign.records["tangential_speed"].to_numpy(dtype=float)
@@ -28,10 +28,16 @@ def check_directions(campaign: Campaign) -> None:
             raise InputError(f"the tangential speed of record {key!r} is {speed:g} m/s, but it cannot be negative; "
                              "reverse the axis along the plate, and with it the sign of the tangential force",
                              file=file, column="tangential_speed")
-        force = campaign.trace(key)["tangential_force"].to_numpy(dtype=float)
-        force = force[np.isfinite(force)]
+        trace = campaign.trace(key)
+        force = trace["tangential_force"].to_numpy(dtype=float)
+        # Friction acts where the ball is pressed on: elsewhere a baseline that wanders may be all there is.
+        pressed = (np.maximum(trace["normal_force"].to_numpy(dtype=float), 0.0) if "normal_force" in trace
+                   else np.ones(len(force)))
+        seen = np.isfinite(force) & np.isfinite(pressed)
+        force, pressed = force[seen], pressed[seen]
         noise = float(campaign.channels["tangential_force"].sd(np.abs(force).max(initial=0.0)))
-        if force.sum() < -10.0 * noise * np.sqrt(len(force)) - 0.02 * np.abs(force).sum():
+        least = 10.0 * noise * np.linalg.norm(pressed) + 0.02 * np.abs(force) @ pressed
+        if force @ pressed < -least:
             raise InputError(f"the tangential force of record {key!r} is mostly opposed to its tangential speed, but "
                              "friction on the plate acts in the direction of motion; reverse the sign of one of them",
                              file=None if campaign.path is None else campaign.path / "samples.csv",
