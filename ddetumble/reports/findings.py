@@ -304,7 +304,13 @@ def _show_ranking(discovery: Discovery) -> Section:
         header = ("added", "alternative", "paired held-out difference", "standard error", "ratio")
         tables.append(Table(header, kin, "Confusion sets: effects that this campaign cannot distinguish from the one "
                             "added at that step."))
-    elif discovery.effects:
+    if discovery.explanations:
+        rows_open = [(", ".join(map(clean, one.effects)) or "none", "–" if one.setting is None else
+                      f"{describe_quantity(one.setting).name} reads {100 * abs(one.bias):.2g} % ± {100 * one.sd:.1g} % "
+                      f"too {'high' if one.bias > 0 else 'low'}") for one in discovery.explanations]
+        tables.append(Table(("effects", "error that all records share"), rows_open,
+                            "Models between which these tests cannot decide."))
+    elif not kin and discovery.effects:
         paragraphs.append("The confusion sets are empty: no other effect of the catalogue predicts as well as those "
                           "added.")
     best = discovery.candidates[0]

@@ -117,8 +117,8 @@ def predict_left_out(problem: Problem, solution: Solution, groups: np.ndarray, s
 
 
 def _fit_others(problem: Problem, solution: Solution, out: np.ndarray, adjust: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates of the parameters fitted without the records `out`, and the nuisances of these under them: adjusted,
-    or as they are stated."""
+    """Coordinates of the parameters fitted without the records that `out` marks, shape (parameters,), and the nuisances
+    of these under them, adjusted or as they are stated, shape (records that are out, nuisances)."""
     rest = mask_records(problem, np.flatnonzero(out)).solve(solution.names, solution.u, solution.z, tolerance=1e-2)
     still = problem.solve((), rest.u, solution.z, tolerance=1e-2).z if adjust else np.zeros_like(solution.z)
     return rest.u, still[out]

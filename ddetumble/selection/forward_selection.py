@@ -12,6 +12,7 @@ import numpy as np
 
 from .._display import Progress, nest_progress, tell_left
 from .._numerics import map_threads
+from ..contact.effect import Parameter
 from ..inference import distributions as stats
 from ..inference.assembly import default_starts
 from ..inference.noise_estimation import changed, has_more_hum, measure_noise
@@ -229,13 +230,18 @@ def list_starts(selection: SelectionProblem, effect: str, scores: Sequence[Score
         p, own = selection.space.parameter(name), [s.z for s in scores if s.name == name]
         if own and not p.sign:
             side = np.sign(max(own, key=abs)) or 1.0
-            starts = [{**start, name: p.default + side * abs(start[name] - p.default)} for start in starts]
+            starts = [{**start, name: _take_side(p, start[name], side)} for start in starts]
     line = selection.find_effect(effect).line
     if line is not None and frequency is not None:
         place = selection.space.parameter(line).transform.to_unconstrained(frequency)
         starts = [{**start, line: place} for start in starts]
         starts = [start for k, start in enumerate(starts) if start not in starts[:k]]
     return starts
+
+
+def _take_side(parameter: Parameter, value: float, side: float) -> float:
+    """A coordinate of an amplitude as far from its null, on the side whose sign is given."""
+    return parameter.default + side * abs(value - parameter.default)
 
 
 def start_anew(selection: SelectionProblem, fitted: Fitted) -> dict[str, float]:
@@ -247,7 +253,7 @@ def start_anew(selection: SelectionProblem, fitted: Fitted) -> dict[str, float]:
             p = space.parameter(name)
             if not p.sign and name in found:
                 side = np.sign(fitted.solution.u[space.index[name]] - p.default) or 1.0
-                found[name] = p.default + side * abs(found[name] - p.default)
+                found[name] = _take_side(p, found[name], side)
     return found
 
 
