@@ -168,7 +168,7 @@ def test_hum_in_a_campaign_of_the_second_simulator(tmp_path):
         assert line["rms"] == pytest.approx(drawn["amplitude"] * sd / np.sqrt(2.0), rel=0.15)
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_hum_of_a_few_tumbling_records_leaves_the_question_open(tmp_path):
     """Too few to tell hum from physics, and no torque of any variable removes it: nothing is said to be missing."""
     exam = Exam("tumble", 74, truths=("nothing",), bench="drawn")
@@ -177,3 +177,39 @@ def test_hum_of_a_few_tumbling_records_leaves_the_question_open(tmp_path):
     found = discover(tmp_path)
     assert found.verdict == "undecided" and found.irregular and not found.effects
     assert found.steps[0].lack_of_fit.rejected and found.missing is None
+
+
+def shake(campaign, kind):
+    """A campaign of tumbling whose gyroscope is shaken by 4e-5 rad/s at 0.07 Hz, in phases of every record's and axis'
+    own; `alike` in all records, or at a frequency that goes `with the rates`."""
+    draw, samples = np.random.default_rng(3), campaign.samples.copy()
+    rates, alike = list(campaign.channels), draw.uniform(0.0, 2.0 * np.pi, 3)
+    for rows in samples.groupby("record").groups.values():
+        speed = np.sqrt(np.mean(np.sum(samples.loc[rows, rates].to_numpy() ** 2, axis=1)))
+        frequency = 0.07 * (speed / 0.09 if kind == "with the rates" else 1.0)
+        phases = alike if kind == "alike" else draw.uniform(0.0, 2.0 * np.pi, 3)
+        turns = 2.0 * np.pi * frequency * samples.loc[rows, "time"].to_numpy()[:, None]
+        samples.loc[rows, rates] += 4e-5 * np.sin(turns + phases)
+    return dc.replace(campaign, samples=samples)
+
+
+@pytest.mark.slow
+def test_what_shakes_a_gyroscope():
+    """Of a body with a damper: a vibration in phases of their own is hum; what begins alike in every record, or goes
+    with the body's rates, may be a torque, and is none."""
+    plain = read_campaign("tumble-b")
+    assembly = assemble_space(plain, resolve_model("paper", "tumble").reference)
+    space, problem = assembly.space, Problem(assembly.space, stack_records(plain))
+    start = space.family.guess_starts(plain, space, assembly.start, assembly.base)[0]
+    start[space.index["internal-damper.c"]] = 1e-5
+    names = *assembly.base, *space.of(["internal-damper", "gyro-bias"])
+    solution = problem.solve(names, start)
+    for kind in ("hum", "alike", "with the rates"):
+        campaign = shake(plain, kind)
+        records = stack_records(campaign)
+        here = Problem(space, records).solve(names, solution.u, solution.z)
+        noise = {c: default_noise(campaign, c, np.array([0.0, 2.5])) for c in campaign.channels}
+        for level in find_hum(campaign, records, here, noise).values():
+            assert len(level.hum) == (kind == "hum")
+            for frequency, rms in level.hum:
+                assert frequency == pytest.approx(0.07, rel=2e-3) and rms == pytest.approx(4e-5 / 2**0.5, rel=0.1)

@@ -143,7 +143,7 @@ def test_other_campaigns_are_opened_as_they_are():
     assert open_campaign(campaign) is campaign
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_restitution_that_falls_with_the_pressure_is_seen(exact):
     """Rebound speeds with an effect of the catalogue in them are no longer a complete model's; without it they are."""
     plain = dd.discover(make_campaign({"rebound_speed": draw_rebounds(5, 0.004)}, 0.004))

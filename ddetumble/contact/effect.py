@@ -25,6 +25,8 @@ from .transform import TRANSFORMS, Transform
 
 
 Scalar = type_scalar
+ROUNDING = 1e-9  # of a physical limit, by which a fit that is bounded there may lie beyond it in public units
+
 
 @final
 class Contact(eqx.Module):
@@ -115,8 +117,9 @@ class Parameter:
         return self.transform.place_fields(*self.bounds)
 
     def excludes(self, low: float, high: float) -> bool:
-        """Whether an interval, in the public unit, lies wholly beyond what physics allows."""
-        return high < self.limits[0] or low > self.limits[1]
+        """Whether an interval, in the public unit, lies wholly beyond what physics allows, but for rounding."""
+        least, most = self.limits
+        return high < least - ROUNDING * abs(least) or low > most + ROUNDING * abs(most)
 
 
 def parameter(

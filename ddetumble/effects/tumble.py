@@ -159,7 +159,9 @@ class InternalDamper(AbstractInnerTorque):
 
     c: Scalar = parameter("1/s", 0.0, typical=1e-3, sign=1, starts=(1e-5,), text="coupling", limits=(0.0, 10.0),
                           limits_reason="the coupling brakes; a fluid that couples within 0.1 s moves with the body")
-    I_d: Scalar = parameter("", 0.03, kind="shape", typical=0.02, coordinate="log", bounds=(1e-4, 10.0),
+    # Bounded by what physics allows: records shorter than I_d/c tell only c, and a fit would run off towards a sphere
+    # at rest, which is an eddy current.
+    I_d: Scalar = parameter("", 0.03, kind="shape", typical=0.02, coordinate="log", bounds=(1e-4, 2.0),
                             starts=(0.01, 0.05, 0.25), text="moment of the sphere over the transverse one",
                             limits=(1e-4, 2.0), limits_reason="propellant or a ball: at most about twice the body")
     id: ClassVar[str] = "internal-damper"

@@ -1,7 +1,7 @@
 """Hum: sines of one frequency in all records (the mains, a vibration), in a phase of each record's own."""
 
 import dataclasses as dc
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,10 +25,18 @@ TIE = 4.0  # which is two standard deviations of the frequency
 
 @dc.dataclass(frozen=True)
 class HumSettings:
-    """When a sine counts as hum, which no physics of a contact makes."""
+    """When a sine counts as hum, which no physics of a contact and no free motion makes."""
 
-    records: int = 10  # with fewer a random phase is not told from one that physics gives
-    turns: float = 1.5  # of the sine in a record at least: slower ones are drifts, which a missing force looks like
+    # Phases, of every record and, where records run freely, of every channel: of fewer, one that is random is not told
+    # from one that physics gives.
+    phases: int = 10
+    # turns, free_turns: of the sine in a record at least, the second where records run freely: slower ones are drifts,
+    # or a motion, which a missing force looks like.
+    turns: float = 1.5
+    free_turns: float = 10.0
+    # Bins by which it would lie elsewhere in half of the freely running records, at least, if it went with the body's
+    # rates as all does that its motion makes.
+    stays: float = 1.5
     fastest: float = 0.45  # frequency in cycles a sample, at most
     worth_a_look: float = 0.01  # p-value of the highest peak of the spectrum, above which no sine is fitted
     p_value: float = 1e-6  # of what the sine removes, over all frequencies, below which it is there
@@ -47,22 +55,25 @@ def find_hum(campaign: Campaign, records: Records, solution: Solution, noise: Ma
     The highest peaks of the residuals' mean spectrum are fitted as sines with an amplitude and a phase of every
     record's own, along with parameters and settings, to first order.
     """
-    found = dict(noise)
-    if records.count < settings.records or find_family(records.family).free_running:
-        return found
-    paces = list_paces(campaign)
-    for c, channel in enumerate(records.channels):
-        if channel.startswith("attitude_"):
+    found, free = dict(noise), find_family(records.family).free_running
+    channels = [c for c, channel in enumerate(records.channels) if not channel.startswith("attitude_")]
+    # What shakes a gyroscope shakes all its axes; a gauge of force has one.
+    for group in [channels] if free and channels else [[c] for c in channels]:
+        if len(group) * records.count < settings.phases:
             continue
-        lines: list[tuple[float, float]] = []
+        paces = list_paces(campaign)
+        lines: list[tuple[float, dict[int, float]]] = []
         known = np.zeros((records.count, solution.residual.shape[1], 0))
-        while len(noise[channel].hum) + len(lines) < settings.most:
-            line = _find_line(campaign, records, solution, c, paces, known, settings)
+        taken = max(len(noise[records.channels[c]].hum) for c in group)
+        while taken + len(lines) < settings.most:
+            line = _find_line(campaign, records, solution, group, paces, known, settings)
             if line is None:
                 break
             lines.append(line)
-            known = np.concatenate([known, _whiten_sines(records, c, line[0], paces)], axis=2)
-        found[channel] = noise[channel].with_hum(tuple(lines))
+            known = np.concatenate([known, _whiten_sines(records, group, line[0], paces)], axis=2)
+        for c in group:
+            channel = records.channels[c]
+            found[channel] = noise[channel].with_hum(tuple((f, sizes[c]) for f, sizes in lines if c in sizes))
     return found
 
 
@@ -79,7 +90,7 @@ def tune_hum(campaign: Campaign, records: Records, solution: Solution, noise: Ma
         lines = []
         for frequency, sd in noise[channel].hum:
             places = [records.nuisances.index(f"{kind}-{k}:{channel}") for kind in (SINE, COSINE)]
-            sines, turned = (_whiten_sines(records, records.channels.index(channel), frequency, paces, slopes)
+            sines, turned = (_whiten_sines(records, [records.channels.index(channel)], frequency, paces, slopes)
                              for slopes in (False, True))
             # What a nuisance of one deviation adds to the residual is so many times its sine.
             size = np.sum(solution.own[:, :, places] * sines, axis=1) / np.maximum(np.sum(sines**2, axis=1), 1e-300)
@@ -95,16 +106,18 @@ def tune_hum(campaign: Campaign, records: Records, solution: Solution, noise: Ma
     return found
 
 
-def _find_line(campaign: Campaign, records: Records, solution: Solution, c: int, paces: np.ndarray, known: np.ndarray,
-               settings: HumSettings) -> tuple[float, float] | None:
-    """Frequency [Hz] and rms [SI] of the sine that removes most of a channel's misfit, if it is hum."""
-    grid, power, bin_ = _average_spectrum(records, solution, c, paces, settings)
+def _find_line(campaign: Campaign, records: Records, solution: Solution, group: Sequence[int], paces: np.ndarray,
+               known: np.ndarray, settings: HumSettings) -> tuple[float, dict[int, float]] | None:
+    """Frequency [Hz] of the sine that removes most of the misfit of a group of channels, if it is hum, and its rms [SI]
+    in each that shows it."""
+    grid, power, bin_ = _average_spectrum(records, solution, group, paces, settings)
+    draws = records.count * len(group)
     # Of white noise of the known size every place of the spectrum is a gamma variate.
-    if not len(grid) or stats.gamma.sf(power.max(), records.count) * len(grid) > settings.worth_a_look:
+    if not len(grid) or stats.gamma.sf(power.max(), draws) * len(grid) > settings.worth_a_look:
         return None
 
     def fit(frequency: float) -> Added:
-        return solution.fit_more(np.concatenate([known, _whiten_sines(records, c, frequency, paces)], axis=2))
+        return solution.fit_more(np.concatenate([known, _whiten_sines(records, group, frequency, paces)], axis=2))
 
     peaks = []
     for _ in range(settings.peaks):
@@ -114,8 +127,9 @@ def _find_line(campaign: Campaign, records: Records, solution: Solution, c: int,
             peaks.append((fit(peak).gain, peak))
     gain, peak = max(peaks)
     before = solution.fit_more(known).gain if known.shape[2] else 0.0
-    chance = stats.chi2.sf(gain - before, 2 * records.count) * len(grid)
-    if chance > settings.p_value or not _is_hum(campaign, fit(peak), settings):
+    chance = stats.chi2.sf(gain - before, 2 * draws) * len(grid)
+    if chance > settings.p_value or not _stays(records, group, peak, bin_, settings) or (
+            not _list_seen(campaign, records, fit(peak), len(group), settings)):
         return None
     near: Any = optimize.minimize_scalar(lambda f: -fit(f).gain, bounds=(peak - NEAR * bin_, peak + NEAR * bin_),
                                          method="bounded", options={"xatol": FINE * bin_})
@@ -124,58 +138,87 @@ def _find_line(campaign: Campaign, records: Records, solution: Solution, c: int,
         multiple = mains * max(round(frequency / mains), 1)
         if abs(multiple - frequency) < NEAR * bin_ and (other := fit(multiple)).gain > one.gain - TIE:
             frequency, one = multiple, other
-    return frequency, float(np.sqrt(np.mean(one.found[:, -2:] ** 2)))
+    sines, seen = _take_sines(one.found, len(group)), _list_seen(campaign, records, one, len(group), settings)
+    return (frequency, {group[k]: float(np.sqrt(np.mean(sines[:, k] ** 2))) for k in seen}) if seen else None
 
 
-def _is_hum(campaign: Campaign, one: Added, settings: HumSettings) -> bool:
-    """Whether the sines of all records (the last two columns) are as large in each, and their phases share nothing."""
-    sines, error = one.found[:, -2:], one.error[:, -2:]
-    sizes = np.hypot(*sines.T)
-    seen = np.mean(np.sum((sines / error) ** 2, axis=1) > stats.chi2.isf(0.01, 2))
-    if seen < settings.seen or np.std(sizes) > settings.alike * np.mean(sizes):
-        return False
-    phase = np.arctan2(*sines.T)
-    # Nothing alike (Rayleigh's test), nor alike but for the sign, nor moving with the conditions.
-    alike = min(float(np.exp(-len(phase) * np.abs(np.mean(np.exp(1j * k * phase))) ** 2)) for k in (1, 2))
-    groups, conditions = group_conditions(campaign.records), campaign.records.to_numpy(dtype=float)
-    follows = min(follow_conditions(part, groups, conditions) for part in sines.T)
-    return 2.0 * min(alike, follows) > settings.random
+def _take_sines(columns: np.ndarray, channels: int) -> np.ndarray:
+    """The last sine and cosine of every channel, shape (records, channels, 2)."""
+    return columns[:, -2 * channels:].reshape(len(columns), channels, 2)
 
 
-def _average_spectrum(records: Records, solution: Solution, c: int, paces: np.ndarray, settings: HumSettings
-                      ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Frequencies [Hz], the whitened residuals' power at these over all records, and one over the median length."""
+def _list_seen(campaign: Campaign, records: Records, one: Added, channels: int, settings: HumSettings) -> list[int]:
+    """Places of the channels whose sines are as large in each record and of which the phases share nothing, if they
+    are hum; else none."""
+    sines, errors = _take_sines(one.found, channels), _take_sines(one.error, channels)
+    sizes = np.hypot(sines[..., 0], sines[..., 1])
+    seen = np.mean(np.sum((sines / errors) ** 2, axis=2) > stats.chi2.isf(0.01, 2), axis=0)
+    even = np.std(sizes, axis=0) <= settings.alike * np.mean(sizes, axis=0)
+    places = [int(k) for k in np.flatnonzero((seen >= settings.seen) & even)]
+    if len(places) * records.count < settings.phases:
+        return []
+    # Nothing alike (Rayleigh's test), nor alike but for the sign, in all channels together.
+    phase = np.arctan2(sines[..., 1], sines[..., 0])[:, places]
+    chances = [float(stats.gamma.sf(np.sum(np.abs(np.mean(np.exp(1j * k * phase), axis=0)) ** 2) * records.count,
+                                    len(places))) for k in (1, 2)]
+    if not find_family(records.family).free_running:  # nor moving with the conditions: free motion has none
+        groups, conditions = group_conditions(campaign.records), campaign.records.to_numpy(dtype=float)
+        chances += [follow_conditions(sines[:, k, part], groups, conditions) for k in places for part in range(2)]
+    return places if 2.0 * min(chances) > settings.random else []
+
+
+def _stays(records: Records, group: Sequence[int], frequency: float, bin_: float, settings: HumSettings) -> bool:
+    """Whether a line at one frequency in all records of free motion cannot go with the body's rates, as these differ
+    enough from record to record."""
+    if not find_family(records.family).free_running:
+        return True
+    values, weights = (np.asarray(x)[: records.count][:, list(group)] for x in
+                       (records.stack.values, records.stack.weights))
+    rates = np.sqrt(np.sum(values**2 * (weights > 0), axis=(1, 2)) / np.maximum(np.sum(weights > 0, axis=(1, 2)), 1))
+    elsewhere = np.abs(rates / np.median(rates) - 1.0) * frequency > settings.stays * bin_
+    return bool(np.mean(elsewhere) >= 0.5)
+
+
+def _average_spectrum(records: Records, solution: Solution, group: Sequence[int], paces: np.ndarray,
+                      settings: HumSettings) -> tuple[np.ndarray, np.ndarray, float]:
+    """Frequencies [Hz], the power of a group's whitened residuals at these over all records, one over the median
+    length."""
     time, weights = (np.asarray(x) for x in (records.stack.time, records.stack.weights))
     size, spectra = time.shape[1], []
     for r, n in enumerate(records.lengths):
-        used = np.flatnonzero(weights[r, c, :n] > 0)
+        used = weights[r, list(group), :n] > 0
         t = time[r, :n] * paces[r]
         step = np.diff(t)
-        if len(used) < 16 or not np.allclose(step, step[0], rtol=1e-2):
+        if np.sum(used, axis=1).min() < 16 or not np.allclose(step, step[0], rtol=1e-2):
             continue
-        x = solution.residual[r, c * size: c * size + n]
-        x = np.where(weights[r, c, :n] > 0, x - x[used].mean(), 0.0)
-        spectra.append((np.fft.rfftfreq(PADDED * n, step[0]), np.abs(np.fft.rfft(x, PADDED * n)) ** 2 / len(used),
-                        float(np.ptp(t)), float(step[0])))
+        power = 0.0
+        for c, known in zip(group, used, strict=True):
+            x = solution.residual[r, c * size: c * size + n]
+            x = np.where(known, x - x[known].mean(), 0.0)
+            power = power + np.abs(np.fft.rfft(x, PADDED * n)) ** 2 / known.sum()
+        spectra.append((np.fft.rfftfreq(PADDED * n, step[0]), power, float(np.ptp(t)), float(step[0])))
     if len(spectra) < 0.5 * records.count:
         return np.zeros(0), np.zeros(0), 1.0
     length = float(np.median([one[2] for one in spectra]))
     fastest = settings.fastest / max(one[3] for one in spectra)
-    grid = np.arange(settings.turns / min(one[2] for one in spectra), fastest, 1.0 / (PADDED * length))
+    turns = settings.free_turns if find_family(records.family).free_running else settings.turns
+    grid = np.arange(turns / min(one[2] for one in spectra), fastest, 1.0 / (PADDED * length))
     return grid, sum((np.interp(grid, f, p) for f, p, *_ in spectra), np.zeros(len(grid))), 1.0 / length
 
 
-def _whiten_sines(records: Records, c: int, frequency: float, paces: np.ndarray, slopes: bool = False) -> np.ndarray:
-    """Sine and cosine of a channel as columns of the whitened residual, or their `slopes` by the frequency, shape
-    (records, rows, 2)."""
+def _whiten_sines(records: Records, group: Sequence[int], frequency: float, paces: np.ndarray, slopes: bool = False
+                  ) -> np.ndarray:
+    """Sine and cosine of every channel of a group as columns of the whitened residual, or their `slopes` by the
+    frequency, shape (records, rows, 2 channels)."""
     time, weights, taps = (np.asarray(x) for x in (records.stack.time, records.stack.weights, records.stack.taps))
     size = time.shape[1]
-    found = np.zeros((records.count, weights.shape[1] * size, 2))
+    found = np.zeros((records.count, weights.shape[1] * size, 2 * len(group)))
     for r, n in enumerate(records.lengths):
         seconds = paces[r] * time[r, :n]
         sine, cosine = np.sin(2.0 * np.pi * frequency * seconds), np.cos(2.0 * np.pi * frequency * seconds)
         late = 2.0 * np.pi * seconds
-        columns = [late * cosine, -late * sine] if slopes else [sine, cosine]
-        whiten = whitening_matrix(weights[r, c, :n], taps[r, c, :n])
-        found[r, c * size: c * size + n] = whiten @ np.stack(columns, axis=1)
+        columns = np.stack([late * cosine, -late * sine] if slopes else [sine, cosine], axis=1)
+        for k, c in enumerate(group):
+            found[r, c * size: c * size + n, 2 * k: 2 * k + 2] = whitening_matrix(weights[r, c, :n], taps[r, c, :n]
+                                                                                  ) @ columns
     return found
