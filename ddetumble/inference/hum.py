@@ -27,22 +27,26 @@ TIE = 4.0  # which is two standard deviations of the frequency
 class HumSettings:
     """When a sine counts as hum, which no physics of a contact and no free motion makes."""
 
-    # Phases, of every record and, where records run freely, of every channel: of fewer, one that is random is not told
-    # from one that physics gives.
+    # phases, free_phases: of all records, and of every channel of these where they run freely: of fewer, those that are
+    # random are not told from those that physics gives. Three records of three axes are what many have.
     phases: int = 10
+    free_phases: int = 9
     # turns, free_turns: of the sine in a record at least, the second where records run freely: slower ones are drifts,
     # or a motion, which a missing force looks like.
     turns: float = 1.5
     free_turns: float = 10.0
-    # Bins by which it would lie elsewhere in half of the freely running records, at least, if it went with the body's
-    # rates as all does that its motion makes.
+    # Bins by which it would lie elsewhere, if it went with the body's rates as all does that its motion makes, in more
+    # of the freely running records than may show nothing of it.
     stays: float = 1.5
     fastest: float = 0.45  # frequency in cycles a sample, at most
     worth_a_look: float = 0.01  # p-value of the highest peak of the spectrum, above which no sine is fitted
     p_value: float = 1e-6  # of what the sine removes, over all frequencies, below which it is there
     seen: float = 0.7  # share of the records in which it has to be seen by itself (at 1 %)
     alike: float = 0.5  # relative scatter of its amplitude over the records, at most: hum does not know the conditions
-    random: float = 0.01  # p-value of phases that are alike, or follow the conditions, below which they are no hum's
+    # random, free_random: p-value of phases that are alike, or follow the conditions, below which they are no hum's; of
+    # three axes that begin alike in three records it is 0.012.
+    random: float = 0.01
+    free_random: float = 0.03
     peaks: int = 3  # highest peaks of the spectrum that are looked at
     most: int = 3  # sines of a channel, at most
     off: float = 3.0  # standard errors by which a frequency that was found beside a poorer model is off before it moves
@@ -59,7 +63,7 @@ def find_hum(campaign: Campaign, records: Records, solution: Solution, noise: Ma
     channels = [c for c, channel in enumerate(records.channels) if not channel.startswith("attitude_")]
     # What shakes a gyroscope shakes all its axes; a gauge of force has one.
     for group in [channels] if free and channels else [[c] for c in channels]:
-        if len(group) * records.count < settings.phases:
+        if len(group) * records.count < (settings.free_phases if free else settings.phases):
             continue
         paces = list_paces(campaign)
         lines: list[tuple[float, dict[int, float]]] = []
@@ -155,16 +159,17 @@ def _list_seen(campaign: Campaign, records: Records, one: Added, channels: int, 
     seen = np.mean(np.sum((sines / errors) ** 2, axis=2) > stats.chi2.isf(0.01, 2), axis=0)
     even = np.std(sizes, axis=0) <= settings.alike * np.mean(sizes, axis=0)
     places = [int(k) for k in np.flatnonzero((seen >= settings.seen) & even)]
-    if len(places) * records.count < settings.phases:
+    free = find_family(records.family).free_running
+    if len(places) * records.count < (settings.free_phases if free else settings.phases):
         return []
     # Nothing alike (Rayleigh's test), nor alike but for the sign, in all channels together.
     phase = np.arctan2(sines[..., 1], sines[..., 0])[:, places]
     chances = [float(stats.gamma.sf(np.sum(np.abs(np.mean(np.exp(1j * k * phase), axis=0)) ** 2) * records.count,
                                     len(places))) for k in (1, 2)]
-    if not find_family(records.family).free_running:  # nor moving with the conditions: free motion has none
+    if not free:  # nor moving with the conditions: free motion has none
         groups, conditions = group_conditions(campaign.records), campaign.records.to_numpy(dtype=float)
         chances += [follow_conditions(sines[:, k, part], groups, conditions) for k in places for part in range(2)]
-    return places if 2.0 * min(chances) > settings.random else []
+    return places if 2.0 * min(chances) > (settings.free_random if free else settings.random) else []
 
 
 def _stays(records: Records, group: Sequence[int], frequency: float, bin_: float, settings: HumSettings) -> bool:
@@ -176,7 +181,7 @@ def _stays(records: Records, group: Sequence[int], frequency: float, bin_: float
                        (records.stack.values, records.stack.weights))
     rates = np.sqrt(np.sum(values**2 * (weights > 0), axis=(1, 2)) / np.maximum(np.sum(weights > 0, axis=(1, 2)), 1))
     elsewhere = np.abs(rates / np.median(rates) - 1.0) * frequency > settings.stays * bin_
-    return bool(np.mean(elsewhere) >= 0.5)
+    return bool(np.mean(elsewhere) > 1.0 - settings.seen)
 
 
 def _average_spectrum(records: Records, solution: Solution, group: Sequence[int], paces: np.ndarray,

@@ -292,6 +292,10 @@ def _conclude(path: Path, questions: bool, report: Progress) -> Conclusion:
         irregular = unrelated and (judged or verdict == "unexplained")
         if irregular and judged:
             verdict, where = "explained" if len(steps) > 1 else "nothing-missing", []
+            before, left = (selection.reduce_chi2(steps[k].fitted.solution) for k in (0, -1))
+            if len(steps) > 1 and before - left < selection.settings.outweighs * (left - 1.0):
+                # Noise of no kind that is modelled, of which more is left than they remove, may look like effects.
+                return Conclusion("undecided", steps[:1], [], None, unphysical, irregular, dropped=steps)
         elif irregular:
             verdict = "undecided"
     rounding = find_rounding(selection, steps) if len(steps) > 1 else None

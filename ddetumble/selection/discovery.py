@@ -60,11 +60,13 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
         reason: why the verdict is `undecided`: `unit`, `setting`, `record`, `rounding`, `noise`, `conditions` (too few)
             or `records` (too few or too short); empty for any other.
         rounding: effects that change no more than the digits of the gauge might; the verdict is then `undecided`.
-        dropped: effects that gave way to an error of a setting or to rounding, each with those it was not told from.
+        dropped: effects that gave way to an error of a setting, to rounding, or to noise of no kind that is modelled,
+            each with those it was not told from.
         explanations: models between which the verdict leaves open; none where it leaves nothing open but the `rivals`.
         irregular: whether the misfit that is left is none of a force's: no force of any variable removes any of it on
             conditions that are left out, and nothing of it repeats over the records. If the verdict is `undecided`,
-            that could not be judged, or baselines that wander fit as well as a force might.
+            that could not be judged, it outweighs what effects remove, or baselines that wander fit as well as a force
+            might.
         missing: the missing force itself, for the verdicts `improved` and `unexplained`.
         made: what makes the fits: of every step, of the rivals of the last one, and of the explanations.
     """

@@ -108,6 +108,9 @@ class SelectionSettings:
             may be no force's: what noise happens to share with one, and
         repeats: p-value of a misfit that repeats over the records, above which it is none: at 1 % a wear that no
             catalogue holds passed for a baseline that wanders.
+        outweighs: share of the misfit that is left to noise or settings of no kind that is modelled, which effects
+            beside it have to remove at least: in the exam, true ones removed ten times as much and more, and 0.03 and
+            0.2 of it those that were found where nothing was hidden.
         repeats_rough: the same of baselines that are rough beyond doubt, as a random walk is and no force's misfit.
         smooth: logarithm of the likelihood by which smooth baselines of tumbling records may come before rough ones, as
             random walks are, up to which they may be noise: of bodies with a force outside the catalogue it was 20 to
@@ -157,6 +160,7 @@ class SelectionSettings:
     most_samples: int = 100_000
     little: float = 0.2
     repeats: float = 0.05
+    outweighs: float = 1.0
     repeats_rough: float = 0.005
     smooth: float = 10.0
     bias: float = 0.02

@@ -261,6 +261,9 @@ def _tell_verdict(found: Discovery, family: Family, folds: str) -> Sentence:
                    choices=[(added, list(others)) for added, others in found.dropped],
                    channels=list(found.rounding.digits))
     if found.verdict == "undecided" and found.irregular:
+        if found.dropped:
+            return say("verdict.outweighed", model=model, before=before, p=p, folds=family.folds,
+                       choices=[(added, list(others)) for added, others in found.dropped])
         if lack.rejected:
             return say("verdict.unrelated", model=model, records=records, before=before, p=p, folds=family.folds,
                        large=first.chi2_reduced > settings.far and not family.free_running)
