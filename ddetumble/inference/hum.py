@@ -173,8 +173,8 @@ def _list_seen(campaign: Campaign, records: Records, one: Added, channels: int, 
 
 
 def _stays(records: Records, group: Sequence[int], frequency: float, bin_: float, settings: HumSettings) -> bool:
-    """Whether a line at one frequency in all records of free motion cannot go with the body's rates, as these differ
-    enough from record to record."""
+    """Whether a line at one frequency in all records cannot go with the rates of a body that moves freely, as these
+    differ enough from record to record."""
     if not find_family(records.family).free_running:
         return True
     values, weights = (np.asarray(x)[: records.count][:, list(group)] for x in
@@ -224,6 +224,6 @@ def _whiten_sines(records: Records, group: Sequence[int], frequency: float, pace
         late = 2.0 * np.pi * seconds
         columns = np.stack([late * cosine, -late * sine] if slopes else [sine, cosine], axis=1)
         for k, c in enumerate(group):
-            found[r, c * size: c * size + n, 2 * k: 2 * k + 2] = whitening_matrix(weights[r, c, :n], taps[r, c, :n]
-                                                                                  ) @ columns
+            whiten = whitening_matrix(weights[r, c, :n], taps[r, c, :n])
+            found[r, c * size: c * size + n, 2 * k: 2 * k + 2] = whiten @ columns
     return found
