@@ -57,15 +57,15 @@ def find_hum(campaign: Campaign, records: Records, solution: Solution, noise: Ma
     """The noise of every channel with the hum that the residuals of a fit show beside what the fit allows for.
 
     The highest peaks of the residuals' mean spectrum are fitted as sines with an amplitude and a phase of every
-    record's own, along with parameters and settings, to first order.
+    record's own, along with parameters and settings, to first order: those of one channel, or of all axes of a
+    gyroscope together where records run freely.
     """
-    found, free = dict(noise), find_family(records.family).free_running
+    found, paces, free = dict(noise), list_paces(campaign), find_family(records.family).free_running
     channels = [c for c, channel in enumerate(records.channels) if not channel.startswith("attitude_")]
     # What shakes a gyroscope shakes all its axes; a gauge of force has one.
     for group in [channels] if free and channels else [[c] for c in channels]:
         if len(group) * records.count < (settings.free_phases if free else settings.phases):
             continue
-        paces = list_paces(campaign)
         lines: list[tuple[float, dict[int, float]]] = []
         known = np.zeros((records.count, solution.residual.shape[1], 0))
         taken = max(len(noise[records.channels[c]].hum) for c in group)
