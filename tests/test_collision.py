@@ -8,8 +8,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
-from scipy.optimize import brentq
 from scipy.signal import find_peaks
 from scipy.spatial.transform import Rotation
 
@@ -22,12 +20,12 @@ from ddetumble.dynamics.surfaces import CylinderSurface, Debris, make_debris
 from ddetumble.effects.impact import ArmServo, ViscoelasticWall, WallStiffness
 from ddetumble.effects.oblique import OffCentreReaction, TangentialCompliance
 from ddetumble.effects.slip import FrictionalHeating, Stribeck
+from tests.independent.two_bodies import REST, integrate_pair
 
 
 CYLINDER = make_debris(Cylinder())
 HEAVY = Debris(1e30, 1e30 * np.eye(3), CylinderSurface(1.0, 3.0))
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
-REST = np.zeros(3)
 
 
 def build(mass=8.0, across=8.0, rolling=1e9, friction=0.2, restitution=0.7, **effects):
@@ -184,57 +182,6 @@ def test_momentum_and_energy_balance():
         assert min(float(one.normal_loss), float(one.friction_loss), float(one.rolling_loss)) >= -1e-12
 
 
-def solve_damping(restitution, speed):
-    """c_n of the closed form."""
-    def gap(k):
-        return k - np.log1p(k) + k * restitution + np.log1p(-k * restitution)
-    return brentq(gap, 1e-6, (1 - 1e-13) / restitution) / speed
-
-
-def integrate_pair(mass, friction, omega, point, velocity, inertia, debris_mass, pressure, restitution=0.7, span=1.0):
-    """The same physics by SciPy: rotation matrix, Euler's equations in the body frame, side of a cylinder of 1 m."""
-    lever = point[:2] / np.hypot(*point[:2])
-    normal = np.append(lever, 0.0)
-    start = point + 0.03 * normal
-    speed = -normal @ (velocity - np.cross(omega, point))
-    damping = solve_damping(restitution, speed)
-
-    def look(y):
-        frame, w = y[:9].reshape(3, 3), y[9:12]
-        seen = frame.T @ (y[15:18] - y[12:15])
-        across = np.hypot(*seen[:2])
-        n = frame @ np.array([seen[0] / across, seen[1] / across, 0.0])
-        depth = 0.03 - (across - 1.0)
-        return frame, w, n, depth, y[15:18] - (across - 1.0) * n
-
-    def move(t, y):
-        frame, w, n, depth, contact = look(y)
-        r = contact - y[12:15]
-        relative = y[21:24] - y[18:21] - np.cross(frame @ w, r)
-        rate = -n @ relative
-        d = max(depth, 0.0)
-        b, h = np.pi / 4 * d, (0.06 - d) / 2
-        volume = 2 * np.pi * (b**2 * h + np.pi * b * h**2 / 2 + 2 * h**3 / 3)
-        load = max(pressure * np.pi * 0.06**3 / 6 / volume * np.pi * b**2 * (1 + damping * rate), 0.0)
-        slip = relative + rate * n
-        force = friction * load * slip / np.hypot(np.linalg.norm(slip), 0.01) - load * n
-        spin = np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
-        torque = frame.T @ np.cross(r, force)
-        change = np.linalg.solve(inertia, torque - np.cross(w, inertia @ w))
-        return np.concatenate([(frame @ spin).ravel(), change, y[18:24], force / debris_mass, -force / mass])
-
-    def leave(t, y):
-        return look(y)[3] + (1e-9 if t < 1e-6 else 0.0)
-
-    leave.terminal, leave.direction = True, -1
-    first = np.concatenate([np.eye(3).ravel(), omega, REST, start, REST, velocity])
-    found = solve_ivp(move, (0, span), first, method="DOP853", rtol=1e-11, atol=1e-13, events=leave, dense_output=True)
-    last = found.y[:, -1]
-    frame, w, _, _, contact = look(last)
-    depths = np.array([look(found.sol(t))[3] for t in np.linspace(0.0, found.t[-1], 4001)])
-    return found.t[-1], w, last[18:21], last[21:24], frame @ inertia @ w, frame.T @ (contact - last[12:15]), depths
-
-
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 def test_agrees_with_a_second_simulator(friction):
     """An asymmetric body struck off centre while it tumbles, by SciPy in other variables."""
@@ -242,13 +189,13 @@ def test_agrees_with_a_second_simulator(friction):
     debris = Debris(800.0, inertia, CylinderSurface(1.0, 3.0))
     omega, velocity = np.array([0.05, -0.08, 0.11]), np.array([-0.5, -0.5, 0.25])
     point = np.array([np.cos(0.7), np.sin(0.7), 0.9])
-    end, rates, body, tip, momentum, place, _ = integrate_pair(12.0, friction, omega, point, velocity, inertia, 800.0,
-                                                               1.3e6)
+    theirs = integrate_pair(12.0, friction, omega, point, velocity, inertia, 800.0, 1.3e6)
     found = run(build(12.0, 12.0, friction=friction), debris, omega, point, velocity, 1.3e6)
-    np.testing.assert_allclose(found.separation, end, rtol=1e-6)
-    for mine, theirs in ((found.angular_velocity, rates), (found.velocity, body), (found.arm_velocity, tip),
-                         (found.angular_momentum, momentum), (found.last_point, place)):
-        np.testing.assert_allclose(mine, theirs, rtol=1e-6, atol=1e-7 * np.abs(theirs).max())
+    np.testing.assert_allclose(found.separation, theirs.duration, rtol=1e-6)
+    for mine, other in ((found.angular_velocity, theirs.rates), (found.velocity, theirs.body),
+                        (found.arm_velocity, theirs.tip), (found.angular_momentum, theirs.momentum),
+                        (found.last_point, theirs.place)):
+        np.testing.assert_allclose(mine, other, rtol=1e-6, atol=1e-7 * np.abs(other).max())
     assert float(found.second_depression) == 0.0
 
 
@@ -259,12 +206,12 @@ def test_a_surface_that_turns_under_a_ball_is_struck_again(rate, blows, span):
     """
     inertia, omega, point = np.diag([900.0, 900.0, 600.0]), np.array([0.0, rate, 0.0]), np.array([1.0, 0.0, -1.0])
     velocity = np.array([-0.3, 0.0, 2.0]) + np.cross(omega, point)
-    _, rates, *_, place, depths = integrate_pair(12.0, 0.1, omega, point, velocity, inertia, 800.0, 1e6, 0.4, span)
+    theirs = integrate_pair(12.0, 0.1, omega, point, velocity, inertia, 800.0, 1e6, 0.4, span)
     found = run(build(12.0, 12.0, friction=0.1, restitution=0.4), Debris(800.0, inertia, CylinderSurface(1.0, 3.0)),
                 omega, point, velocity, 1e6, span=span)
-    np.testing.assert_allclose(found.angular_velocity, rates, rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(found.last_point, place, rtol=1e-6, atol=1e-6)
-    peaks, dips = (depths[find_peaks(sign * depths)[0]] for sign in (1.0, -1.0))
+    np.testing.assert_allclose(found.angular_velocity, theirs.rates, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(found.last_point, theirs.place, rtol=1e-6, atol=1e-6)
+    peaks, dips = (theirs.depths[find_peaks(sign * theirs.depths)[0]] for sign in (1.0, -1.0))
     assert len(peaks) == blows and bool(found.separated) == (blows == 1)
     np.testing.assert_allclose(found.second_depression, peaks.sum() - dips.sum() - peaks.max(), rtol=0.03, atol=1e-9)
 
