@@ -98,8 +98,8 @@ def describe(rows: list[dict]) -> str:
         least = min(row["effective"] for row in sampled)
         most = sum(row["steps"] > STEPS for row in sampled)
         lines += [f"- Posteriors (emcee): {show_share(rows, 'posterior')} hold the truth; R-hat is {worst:.4f} at "
-                  f"most, and there are {least:.0f} independent draws at least. Chains have {STEPS} steps; {most} had R-hat "
-                  f"above {LIMIT:g} then and went on, to {max(row['steps'] for row in sampled)} at most."]
+                  f"most, and there are {least:.0f} independent draws at least. Chains have {STEPS} steps; {most} had "
+                  f"R-hat above {LIMIT:g} then and went on, to {max(row['steps'] for row in sampled)} at most."]
     lines += ["", "| parameter | fits that hold the truth | mean of (estimate - truth)/sd | its standard deviation |",
               "| --- | --- | --- | --- |"]
     for n in names:

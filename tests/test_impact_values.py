@@ -106,6 +106,38 @@ def test_values_against_scipy(exact):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("mass", "restitution"), [(0.5, 0.84), (0.55, 0.65), (3.0, 0.45)])
+def test_peaks_of_light_and_heavy_balls_are_no_misfit(mass, restitution):
+    """Peaks, which hardly feel the restitution, far from where a fit starts: it gets there, and nothing is missing."""
+    pressures = np.linspace(0.25e6, 2.5e6, 11)
+    peaks = np.array([integrate_peak(mass, restitution, p, speed=0.4)[0] for p in pressures])
+    peaks *= 1.0 + 0.01 * np.random.default_rng(3).normal(size=len(peaks))
+    campaign = make_campaign({"peak_normal_force": peaks}, None, speeds=np.full(11, 0.4), pressures=pressures)
+    own = dd.fit(campaign).parameters["effective_mass"]
+    assert own.q025 < mass < own.q975
+    found = dd.compare(campaign)
+    assert not found.lack_of_fit.rejected and found.lack_of_fit.tested
+    assert found.parameters["effective_mass"].estimate == pytest.approx(mass, rel=0.1)
+
+
+@pytest.mark.slow
+def test_a_prior_that_the_values_disagree_with_is_no_misfit():
+    """Table 4, nearly one share of the load: the model makes it only with an adhesion constant that no rubber has."""
+    campaign = read_campaign(find_data() / "paper" / "table-4")
+    found, fit = dd.compare(campaign), dd.fit(campaign)
+    assert found.lack_of_fit.tested and not found.lack_of_fit.rejected and not fit.goodness.misfit
+    assert fit.parameters["adhesion_constant"].estimate > 5.0
+    for notes in (found.notes, fit.notes):  # what takes the place of a measurement, and that it does not suit
+        assert sum("adhesion_constant" in note for note in notes) == 2
+
+
+@pytest.mark.slow
+def test_values_that_leave_nothing_to_test_with_are_told():
+    """A model with as many parameters as the curve whose scatter is the noise."""
+    assert not dd.compare(read_campaign(find_data() / "paper" / "figure-8"), "power-law").lack_of_fit.tested
+
+
+@pytest.mark.slow
 def test_missing_values_and_packages(exact, tmp_path):
     """A record may lack a value; what was written is read, and fitted alike."""
     table = pd.DataFrame(exact)

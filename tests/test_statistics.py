@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from scipy import sparse, stats
 from scipy.interpolate import BSpline
+from scipy.linalg import block_diag
 
 from ddetumble._errors import ComputationError
 from ddetumble.inference import distributions
-from ddetumble.inference.goodness import combine_p_values, judge_goodness, weigh_shifts
+from ddetumble.inference.goodness import combine_p_values, judge_goodness, judge_values, weigh_shifts
+from ddetumble.inference.identifiability import measure_values
 from ddetumble.inference.noise import Noise
 from ddetumble.inference.problem import Solution
 from ddetumble.selection import cross_validation, lack_of_fit
@@ -465,10 +467,10 @@ def test_misfit_of_values_beyond_their_own_scatter():
         scatter, misfit = generator.chisquare(known), generator.chisquare(rest)
         # In units of the variance that the repeats show, taken larger as it is.
         total = (scatter + misfit) / (scatter / known) / wider**2
-        p_values.append(lack_of_fit.judge_values(total, known + rest, {"force": dc.replace(SHARP, degrees=known)}))
+        p_values.append(judge_values(total, known + rest, {"force": dc.replace(SHARP, degrees=known)}))
     assert_uniform(p_values)
     for degrees in (known, 0):
-        assert lack_of_fit.judge_values(50.0, degrees, {"force": dc.replace(SHARP, degrees=known)}) == 1.0
+        assert judge_values(50.0, degrees, {"force": dc.replace(SHARP, degrees=known)}) == 1.0
 
 
 def test_smallest_of_many():
@@ -509,7 +511,8 @@ def make_splines(rows=ROWS):
 
 def pose(free_running):
     """A problem of which no more is known than whether its records run on."""
-    return SimpleNamespace(space=SimpleNamespace(family=SimpleNamespace(free_running=free_running)))
+    return SimpleNamespace(space=SimpleNamespace(family=SimpleNamespace(free_running=free_running)),
+                           records=SimpleNamespace(are_values=False))
 
 
 @pytest.mark.parametrize("free_running", [False, True])
@@ -528,6 +531,37 @@ def test_smooth_misfit_is_what_splines_would_gain(shared, free_running):
         after += np.sum((side - rows @ np.linalg.lstsq(rows, side, rcond=1e-10)[0]) ** 2)
     assert total == pytest.approx(before - after, rel=1e-9)
     assert degrees == RECORDS * (basis.shape[1] - 1) + (RECORDS - 1) * shared
+
+
+@pytest.mark.parametrize("weight", [0.0, 3.0, 30.0, 1e4])
+def test_degrees_of_freedom_of_values_with_priors(weight):
+    """A prior takes its parameter's part of the hat matrix: of all rows but those of the priors, less the nuisances."""
+    linear = Linear(7, weight=weight)
+    records = SimpleNamespace(count=RECORDS, stack=SimpleNamespace(weights=np.ones((RECORDS, 1, ROWS))))
+    solution = linear.solve()
+    held = dc.replace(solution, prior_residual=np.zeros(SHARED))  # priors that agree
+    total, degrees = measure_values(SimpleNamespace(records=records), held)
+    rows = np.concatenate([np.concatenate([linear.jacobian.reshape(-1, SHARED), block_diag(*linear.nuisances)], axis=1),
+                           np.eye(RECORDS * OWN, SHARED + RECORDS * OWN, SHARED)])
+    normal = rows.T @ rows + np.diag([weight**2] * SHARED + [0.0] * RECORDS * OWN)
+    shared = np.trace(np.linalg.solve(normal, rows.T @ rows)) - RECORDS * OWN
+    assert degrees == pytest.approx(RECORDS * ROWS - shared, rel=1e-9)
+    assert shared == pytest.approx({0.0: SHARED, 1e4: 0.0}.get(weight, shared), abs=1e-3)
+
+
+def test_a_prior_that_values_disagree_with_is_let_go():
+    """Far from its prior a parameter leaves what it leaves without one; near it, what the fit leaves."""
+    linear, free = Linear(8, weight=1.0), Linear(8)
+    records = SimpleNamespace(count=RECORDS, stack=SimpleNamespace(weights=np.ones((RECORDS, 1, ROWS))))
+    near = linear.solve()
+    assert np.all(np.abs(near.prior_residual) < 3.0)
+    left = float(np.sum(near.residual**2) + np.sum(near.z**2))
+    assert measure_values(SimpleNamespace(records=records), near)[0] == pytest.approx(left, rel=1e-9)
+    for one in (linear, free):  # the truth at ten of these deviations
+        one.error -= one.jacobian @ np.full(SHARED, 10.0)
+    total, degrees = measure_values(SimpleNamespace(records=records), linear.solve())
+    assert total == pytest.approx(free.fit()[2], rel=1e-9)
+    assert degrees == pytest.approx(RECORDS * ROWS - SHARED, rel=1e-12)
 
 
 @pytest.mark.parametrize(("free_running", "alike", "apart"), [(False, 2e-7, 1e-6), (True, 3e-6, 1e-4)])

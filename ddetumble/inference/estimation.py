@@ -182,7 +182,8 @@ def _fit(campaign: Campaign, wanted: Specification, resolved: ResolvedModel, set
     if assumed:
         priors, settings = priors | assumed, {**settings, "assumed": list(assumed)}
         problem = pose(noise)
-        best = solve_bounded(problem, names, origin, None, limits, 1e-2)
+        near = solve_progressively(problem, names, origin)
+        best = solve_bounded(problem, names, near.u, near.z, limits, 1e-2)
     report("measuring the noise", 0.82)
     measured = dict(noise or {}) or measure_noise(campaign, problem.records, best.solution)
     if not noise and wanted.noise != "stated" and has_more_hum({}, measured):
@@ -205,7 +206,8 @@ def _fit(campaign: Campaign, wanted: Specification, resolved: ResolvedModel, set
               *(f"{fault.seen} The fit takes them as they are; `ddetumble discover` leaves them out."
                 for fault in faults if fault.kind not in STAYING)]
     return summarise_fit(campaign, resolved.name, tuple(e.id for e in chosen), problem, best, origin, measured,
-                         settings, wanted.nuisances, (*warnings, *describe_assumed(space, assumed), *doubts),
+                         settings, wanted.nuisances,
+                         (*warnings, *describe_assumed(space, assumed, best.solution.u), *doubts),
                          steps=sum(taken), starts=len(starts))
 
 

@@ -21,8 +21,16 @@ from . import distributions as stats
 from .archive import AbstractFitted, FittedModel, make_fitted, save_model
 from .bounded import NEAR, Bounded, solve_bounded, truncate_normal
 from .files import check_folder, list_versions, make_plain, write_json
-from .goodness import GoodnessOfFit, judge_goodness
-from .identifiability import Knowledge, Remedy, analyse_fit, analyse_with_refits, describe_knowledge, limit_knowledge
+from .goodness import GoodnessOfFit, judge_goodness, judge_values
+from .identifiability import (
+    Knowledge,
+    Remedy,
+    analyse_fit,
+    analyse_with_refits,
+    describe_knowledge,
+    limit_knowledge,
+    measure_values,
+)
 from .noise import Noise
 from .parameters import ParameterSpace
 from .problem import AbstractProblem, Problem, Solution
@@ -351,10 +359,21 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
     return Fit(
         campaign.name, campaign.title, campaign.sha256, model, effects, parameters, fixed,
         derive_quantities(space, solution.u, gaussians, covariance), covariance, correlations, solution.chi2, degrees,
-        solution.chi2 / max(degrees, 1), judge_goodness(solution.chi2, degrees, pulls),
+        solution.chi2 / max(degrees, 1), judge_solution(problem, solution, degrees, noise, pulls),
         problem.records.count, counted, dict(noise), converged, steps, state, shifts, told, remedies,
         tuple(notes), dict(settings), campaign, problem, found, gaussians,
         measure_bends(problem, found, known.covariance, gaussians))
+
+
+def judge_solution(problem: Problem, solution: Solution, degrees: float, noise: Mapping[str, Noise],
+                   pulls: Mapping[str, Mapping[str, float]]) -> GoodnessOfFit:
+    """The goodness of a fit, whose chi-square has so many degrees of freedom; of values, of which there are few,
+    without what the priors add, under noise of which the same values tell little.
+    """
+    if not problem.records.are_values:
+        return judge_goodness(solution.chi2, degrees, pulls)
+    chi2, left = measure_values(problem, solution)
+    return judge_goodness(chi2, left, pulls, judge_values(chi2, left, noise))
 
 
 def measure_bends(problem: Problem, found: Bounded, covariance: np.ndarray,

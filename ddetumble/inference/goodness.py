@@ -6,12 +6,16 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from . import distributions as stats
+from .noise import Noise, widen_by_student
 
 
 LEVEL = 0.01  # chance of saying so of a model that is complete
 # Chi-square per degree of freedom above which no error of the noise explains it: where the noise is measured from the
 # residuals and correlated, its variance is known to a tenth or two.
 FAR = 1.5
+# Degrees of freedom beyond those of the noise's own estimate, below which values leave nothing to test with: of a
+# parameter that they and its prior determine half and half.
+LEAST = 0.5
 
 
 @dc.dataclass(frozen=True)
@@ -53,12 +57,17 @@ class GoodnessOfFit:
                          "discover` looks for what is missing.")
 
 
-def judge_goodness(chi2: float, degrees: int, shifts: Mapping[str, Mapping[str, float]]) -> GoodnessOfFit:
-    """The goodness of fit of a chi-square, by the shifts of settings in their deviations, by setting and record."""
+def judge_goodness(chi2: float, degrees: float, shifts: Mapping[str, Mapping[str, float]], chance: float | None = None
+                   ) -> GoodnessOfFit:
+    """The goodness of fit of a chi-square, by the shifts of settings in their deviations, by setting and record.
+
+    `chance` is the p-value of the chi-square where its noise was measured too, from few values.
+    """
     size = {(name, record): abs(value) for name, own in shifts.items() for record, value in own.items()}
     name, record = max(size, key=lambda one: size[one], default=("", ""))
     p_value = combine_p_values([weigh_shifts(np.array(list(own.values()))) for own in shifts.values() if own])
-    chance = float(stats.chi2.sf(chi2, degrees)) if degrees > 0 else 1.0
+    if chance is None:
+        chance = float(stats.chi2.sf(chi2, degrees)) if degrees > 0 else 1.0
     largest = shifts[name][record] if name else 0.0
     return GoodnessOfFit(chi2 / max(degrees, 1), chance, name, record, largest, p_value)
 
@@ -73,3 +82,35 @@ def weigh_shifts(shifts: np.ndarray) -> float:
 def combine_p_values(values: Sequence[float]) -> float:
     """The p-value of the smallest of several (Bonferroni)."""
     return min(len(values) * min(values), 1.0) if values else 1.0
+
+
+def doubt_level(noise: Mapping[str, Noise]) -> float:
+    """Standard error of the logarithm of the noise's power, of the channel where it is known least."""
+    return max(n.log_level_sd for n in noise.values())
+
+
+def judge_values(total: float, degrees: float, noise: Mapping[str, Noise]) -> float:
+    r"""p-value of a chi-square of values, of which every record has one.
+
+    Where the noise was estimated from the same values, with $\nu$ degrees of freedom, their scatter is a part of what
+    the model leaves: $F = (\chi^2 - \nu)/(d - \nu)$ with $d - \nu$ and $\nu$ degrees of freedom tests the rest. 1 where
+    the values leave nothing to test with.
+
+    Args:
+        total, degrees: $\chi^2$ of the values under their noise, and its degrees of freedom d.
+        noise: by channel.
+    """
+    estimated, rest = [n for n in noise.values() if n.degrees], count_rest(degrees, noise)
+    if rest < LEAST:
+        return 1.0
+    if not estimated:
+        return float(stats.f.sf(total / degrees, degrees, 2.0 / doubt_level(noise) ** 2))
+    known = sum(n.degrees for n in estimated)
+    # Under the noise itself, not that which is taken larger for how little tells of it.
+    total *= min(widen_by_student(n.degrees) for n in estimated) ** 2
+    return float(stats.f.sf(max(total - known, 0.0) / rest, rest, known))
+
+
+def count_rest(degrees: float, noise: Mapping[str, Noise]) -> float:
+    """Degrees of freedom of a chi-square of values, without those that their noise was estimated from [-]."""
+    return degrees - sum(n.degrees or 0 for n in noise.values())

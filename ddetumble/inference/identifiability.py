@@ -34,6 +34,8 @@ REACH = {
     "normal_load": (0.5, 2.0), "slip_speed": (0.3, 3.0),
 }  # fmt: skip
 LEAST_PRESSURE = 2e5  # Pa, absolute: with less than the atmosphere over that outside a ball is hardly inflated
+SINGULAR = 1e-7  # of the largest singular value of columns of unit length, below which one is rounding
+DISAGREES = 3.0  # deviations of a prior, beyond which values are said to disagree with it: by chance one in 370
 DEPRESSION_SD = 2e-5  # m, of a displacement gauge; `design` assumes the same
 FAR = 10.0  # standard deviations away, where the misfit of a parameter that is known has risen by a hundred
 FLAT = 0.25  # of that rise: where it stays below on either side, the standard deviation is that of a dent in the noise
@@ -184,14 +186,40 @@ def assume_typical(problem: Problem, solution: Solution, start: np.ndarray) -> d
         columns = np.concatenate([columns, np.eye(len(norms))[k: k + 1]])
 
 
-def describe_assumed(space: ParameterSpace, priors: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
-    """These priors in sentences."""
+def measure_values(problem: Problem, solution: Solution) -> tuple[float, float]:
+    """Chi-square of values and their settings, of which there are few, and its degrees of freedom.
+
+    A parameter that its prior determines takes none of them: they are the values less the trace of the hat matrix. A
+    prior that the values disagree with is let go, by linear algebra, as what it leaves is no misfit of the model.
+    """
+    columns, right = solution.projected()
+    columns, right = columns.reshape(right.size, -1), right.ravel()
+    weights = np.where(np.abs(solution.prior_residual) > DISAGREES, 0.0, solution.prior_weight)
+    rows = np.concatenate([columns, np.diag(weights)])
+    norms = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
+    left, s, _ = np.linalg.svd(rows / norms, full_matrices=False)
+    left = left[:, s > SINGULAR * s.max(initial=0.0)]
+    side = np.concatenate([right, solution.prior_residual * (weights > 0)])
+    after = (side - left @ (left.T @ side))[: right.size]
+    counted = float(np.sum(np.asarray(problem.records.stack.weights)[: problem.records.count] > 0))
+    return float(np.sum(after**2)), counted - float(np.sum(left[: right.size] ** 2))
+
+
+def describe_assumed(space: ParameterSpace, priors: Mapping[str, tuple[float, float]], u: np.ndarray
+                     ) -> tuple[str, ...]:
+    """These priors in sentences, and which of them the values disagree with, by the coordinates `u` of a fit."""
     found = []
     for name, (mean, sd) in priors.items():
         transform = space.parameter(name).transform
         low, high = transform.interval(mean - sd, mean + sd)
         found.append(f"The values do not determine {name}: a prior around {transform.from_unconstrained(mean):.3g} "
                      f"({low:.2g} to {high:.2g} within one standard deviation) takes the place of a measurement.")
+        away = abs(float(u[space.index[name]]) - mean) / sd
+        if away > DISAGREES:
+            estimate = transform.from_unconstrained(float(u[space.index[name]]))
+            found.append(f"The values disagree with that prior: they pull {name} to {estimate:.3g}, {away:.2g} "
+                         "standard deviations away from it. Either the model does not hold here, or this parameter is "
+                         "not what is typical; measure it by another test, and fix it at the result.")
     return tuple(found)
 
 

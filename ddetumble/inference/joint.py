@@ -21,8 +21,8 @@ from .archive import Model
 from .bounded import Bounded, solve_bounded
 from .estimation import fit
 from .files import check_folder, list_versions, make_plain, write_json
-from .findings import Fit, Fitted, derive_quantities, estimate_parameters, list_nuisances
-from .goodness import LEVEL, judge_goodness
+from .findings import Fit, Fitted, derive_quantities, estimate_parameters, judge_solution, list_nuisances
+from .goodness import LEVEL
 from .identifiability import analyse_fit, limit_knowledge
 from .levenberg_marquardt import FIRST_DAMPING, STALLED, NormalEquations
 from .parameters import AbstractSpace, Slot
@@ -476,7 +476,8 @@ def _summarise(singles: Mapping[str, Fit], joint: JointProblem, found: Bounded, 
             one, parameters={o: dc.replace(parameters[n], initial=one.parameters[o].estimate) for o, n in
                              places.items()}, covariance=covariance[rows], correlations=correlations[rows],
             derived=derive_quantities(one.space, at.u, own, covariance[rows]), gaussians=own, chi2=at.chi2,
-            chi2_reduced=at.chi2 / max(one.degrees, 1), goodness=judge_goodness(at.chi2, one.degrees, pulls),
+            chi2_reduced=at.chi2 / max(one.degrees, 1),
+            goodness=judge_solution(problem, at, one.degrees, one.noise, pulls),
             nuisances=shifts, cannot_tell_apart=(), remedies=(), problem=problem, converged=solution.converged,
             steps=solution.steps, state=state, bends={}, profiles=(),
             notes=(*one.notes, f"Fitted together with {join_words(x for x in singles if x != label)}."),

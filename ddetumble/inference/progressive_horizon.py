@@ -3,6 +3,8 @@
 A wrong inertia ratio turns the model out of step with the measurement, by many turns at the end of a long record, and
 the sum of squares has a minimum at every turn. Over the first radian there is but one; what is learnt there keeps the
 next horizon, three times as far, in step.
+
+Values, one a record, have a ladder of their own: what they feel most first, then one parameter more at a time.
 """
 
 import dataclasses as dc
@@ -50,7 +52,12 @@ def _cut(stack: Stack, horizon: np.ndarray) -> Stack:
 
 def solve_progressively(problem: Problem, free: Sequence[str], start: np.ndarray, z: np.ndarray | None = None,
                         **options) -> Solution:
-    """Fit as `Problem.solve` does, free-running records over a growing horizon first; options are of the last fit."""
+    """Fit as `Problem.solve` does, free-running records over a growing horizon first, and values where that does not
+    converge parameter after parameter; options are of the last fit.
+    """
+    if problem.records.are_values:
+        found = problem.solve(free, start, z, **options)
+        return found if found.converged else _solve_one_by_one(problem, free, start, z, found, **options)
     if not problem.space.family.free_running:
         return problem.solve(free, start, z, **options)
     whole, lengths = problem.records.stack, problem.records.lengths
@@ -67,3 +74,21 @@ def solve_progressively(problem: Problem, free: Sequence[str], start: np.ndarray
             u, share = found.u, found.z
         horizon = GROWTH * horizon
     return problem.solve(free, u, share, **options)
+
+
+def _solve_one_by_one(problem: Problem, free: Sequence[str], start: np.ndarray, z: np.ndarray | None, plain: Solution,
+                      **options) -> Solution:
+    """Fit what the values feel most, with the rest where it starts, then one parameter more with each fit; the `plain`
+    fit where that leaves less.
+
+    Far from the values a parameter that they hardly feel runs to where nothing depends on it, and holds the others.
+    """
+    felt = np.linalg.norm(problem.solve(free, start, z, moving=False).flattened()[0], axis=0)
+    order = [free[int(k)] for k in np.argsort(-felt)]
+    u, share = np.array(start, dtype=float), z
+    for count in range(1, len(order)):
+        part = problem.solve(order[:count], u, share, tolerance=1e-2)
+        if not part.failed and np.isfinite(part.chi2):
+            u, share = part.u, part.z
+    found = problem.solve(free, u, share, **options)
+    return plain if found.failed or not found.chi2 < plain.chi2 else found

@@ -497,6 +497,8 @@ def _bin(z: list[np.ndarray], pairs: list[tuple[np.ndarray, np.ndarray]]) -> lis
 def _tell(found: Comparison, campaign: Campaign, family: Family) -> Sentence:
     """The outcome in words."""
     ratio, lack = float(np.sqrt(np.mean(found.channels["ratio"] ** 2))), found.lack_of_fit
+    if not lack.rejected and not lack.tested:
+        return say("verdict.untested", model=repr(found.model), ratio=ratio, records=len(found.records))
     if not lack.rejected:
         return say("verdict.agrees", model=repr(found.model), ratio=ratio, p=lack.p_value)
     worst, place = found.records.loc[found.records["ratio"].idxmax()], None

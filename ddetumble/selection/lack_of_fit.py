@@ -18,7 +18,8 @@ from scipy.interpolate import BSpline
 
 from ..families import find_family
 from ..inference import distributions as stats
-from ..inference.goodness import combine_p_values, weigh_shifts
+from ..inference.goodness import LEAST, combine_p_values, count_rest, doubt_level, judge_values, weigh_shifts
+from ..inference.identifiability import measure_values
 from ..inference.noise import Noise, whitening_matrix, widen_by_student
 from ..inference.noise_estimation import list_spans, spline_columns
 from ..inference.problem import Problem, Solution, replace_arrays
@@ -60,6 +61,8 @@ def whiten_all(records: Records, record: int, columns: sparse.csr_matrix) -> spa
 
 def measure_smooth(problem: Problem, solution: Solution, bases: Sequence[sparse.csr_matrix]) -> tuple[float, float]:
     """Sum of squares of the smooth part of residuals and nuisances, and its degrees of freedom."""
+    if problem.records.are_values:  # all of each
+        return measure_values(problem, solution)
     total, degrees = 0.0, -float(solution.shared.shape[2])
     own = solution.own.shape[2]
     for r, basis in enumerate(bases):
@@ -132,16 +135,12 @@ def judge_fit(problem: Problem, solution: Solution, bases: Sequence[sparse.csr_m
             f"chi-square of the smooth part of whitened residuals over {degrees:.0f} degrees of freedom (noise level "
             f"known to {100 * doubt_level(noise):.1f} %); the largest efficient score of any effect or test direction "
             f"outside the model{how}{moved}{repeats}")
-    if problem.records.are_values and smooth == 1.0:
+    tested = not problem.records.are_values or count_rest(degrees, noise) >= LEAST
+    if not tested:
         text += ("; the values leave nothing to test with that chi-square, as the model has as many parameters as the "
                  "curve whose scatter takes the place of the noise")
     return LackOfFit(total / max(degrees, 1.0), degrees, p, settings.level, p < settings.level, smooth, score_p_value,
-                     moves, text, repeats_p_value)
-
-
-def doubt_level(noise: Mapping[str, Noise]) -> float:
-    """Standard error of the logarithm of the noise's power, of the channel where it is known least."""
-    return max(n.log_level_sd for n in noise.values())
+                     moves, text, repeats_p_value, tested)
 
 
 def judge_smooth(total: float, degrees: float, noise: Mapping[str, Noise]) -> float:
@@ -149,29 +148,6 @@ def judge_smooth(total: float, degrees: float, noise: Mapping[str, Noise]) -> fl
     count = max(degrees, 1.0)
     logarithm = np.log(max(total / count, 1e-300)) + 1.0 / count
     return float(stats.norm.sf(logarithm / np.sqrt(2.0 / count + doubt_level(noise) ** 2)))
-
-
-def judge_values(total: float, degrees: float, noise: Mapping[str, Noise]) -> float:
-    r"""p-value of a chi-square of values, of which every record has one.
-
-    Where the noise was estimated from the same values, with $\nu$ degrees of freedom, their scatter is a part of what
-    the model leaves: $F = (\chi^2 - \nu)/(d - \nu)$ with $d - \nu$ and $\nu$ degrees of freedom tests the rest. 1 where
-    the values leave nothing to test with.
-
-    Args:
-        total, degrees: $\chi^2$ of the values under their noise, and its degrees of freedom d.
-        noise: by channel.
-    """
-    estimated = [n for n in noise.values() if n.degrees]
-    if degrees < 1:
-        return 1.0
-    if not estimated:
-        return float(stats.f.sf(total / degrees, degrees, 2.0 / doubt_level(noise) ** 2))
-    known = sum(n.degrees for n in estimated)
-    # Under the noise itself, not that which is taken larger for how little tells of it.
-    total *= min(widen_by_student(n.degrees) for n in estimated) ** 2
-    rest = degrees - known
-    return float(stats.f.sf(max(total - known, 0.0) / rest, rest, known)) if rest >= 1 else 1.0
 
 
 @dc.dataclass(frozen=True)

@@ -368,9 +368,8 @@ def fit_reference(selection: SelectionProblem) -> tuple[SelectionProblem, Fitted
     solution = _require(selection, solve_progressively(selection.problem, selection.base, guess))
     priors = assume_typical(selection.problem, solution, selection.start)
     if priors:
-        told = (*selection.warnings, *describe_assumed(selection.space, priors))
-        selection = dc.replace(selection, priors=priors, warnings=told).restack({})
-        solution = _require(selection, selection.problem.solve(selection.base, guess))
+        selection = dc.replace(selection, priors=priors).restack({})
+        solution = _require(selection, solve_progressively(selection.problem, selection.base, guess))
     settings, noise = selection.settings.noise, {}
     for _ in range(settings.looks):
         before, noise = noise, measure_noise(selection.campaign, selection.records, solution, settings, noise)
@@ -380,7 +379,8 @@ def fit_reference(selection: SelectionProblem) -> tuple[SelectionProblem, Fitted
             solution = _require(selection, selection.problem.solve(selection.base, solution.u, solution.z))
         if not has_more_hum(before, noise):
             break
-    selection = dc.replace(selection.span(solution), lost=is_lost(selection.problem, solution))
+    told = (*selection.warnings, *describe_assumed(selection.space, priors, solution.u))
+    selection = dc.replace(selection.span(solution), lost=is_lost(selection.problem, solution), warnings=told)
     return selection, selection.file((), solution)
 
 

@@ -123,6 +123,8 @@ class LackOfFit:
     # Of nothing in the residuals repeating over the records; None where noise and settings are taken as stated, or it
     # cannot be judged.
     repeats_p_value: float | None = None
+    # Whether the residuals leave anything for the statistic to test: values whose own scatter is the noise may not.
+    tested: bool = True
 
 
 @dc.dataclass(frozen=True)
