@@ -149,9 +149,11 @@ def test_fixed_values_stay_and_priors_pull(campaign, fitted):
     pulled = fit(campaign, effects=["wall-stiffness"], priors={"wall-stiffness.k_w": (1000.0, 1.0)})
     assert pulled.parameters["wall-stiffness.k_w"].estimate == pytest.approx(1000.0, abs=20)
     assert pulled.parameters["wall-stiffness.k_w"].sd == pytest.approx(1.0, rel=0.05)
+    assert pulled.goodness.disputed == ("wall-stiffness.k_w",)
     weak = fit(campaign, effects=["wall-stiffness"], priors={"effective_mass": (1.0, 1e3)})
     assert weak.parameters["effective_mass"].estimate == pytest.approx(fitted.parameters["effective_mass"].estimate,
                                                                        rel=1e-6)
+    assert weak.goodness.disputed == ()
 
 
 def test_bounds_hold_and_are_said(campaign, fitted):

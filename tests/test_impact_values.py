@@ -126,7 +126,8 @@ def test_a_prior_that_the_values_disagree_with_is_no_misfit():
     campaign = read_campaign(find_data() / "paper" / "table-4")
     found, fit = dd.compare(campaign), dd.fit(campaign)
     assert found.lack_of_fit.tested and not found.lack_of_fit.rejected and not fit.goodness.misfit
-    assert fit.parameters["adhesion_constant"].estimate > 5.0
+    assert fit.parameters["adhesion_constant"].estimate > 5.0 and fit.goodness.disputed == ("adhesion_constant",)
+    assert "adhesion_constant" in str(fit.goodness) and "adhesion_constant" in found.sentence
     for notes in (found.notes, fit.notes):  # what takes the place of a measurement, and that it does not suit
         assert sum("adhesion_constant" in note for note in notes) == 2
 

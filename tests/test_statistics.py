@@ -12,7 +12,7 @@ from scipy.linalg import block_diag
 from ddetumble._errors import ComputationError
 from ddetumble.inference import distributions
 from ddetumble.inference.goodness import combine_p_values, judge_goodness, judge_values, weigh_shifts
-from ddetumble.inference.identifiability import measure_values
+from ddetumble.inference.identifiability import measure_values, weigh_priors
 from ddetumble.inference.noise import Noise
 from ddetumble.inference.problem import Solution
 from ddetumble.selection import cross_validation, lack_of_fit
@@ -547,6 +547,18 @@ def test_degrees_of_freedom_of_values_with_priors(weight):
     shared = np.trace(np.linalg.solve(normal, rows.T @ rows)) - RECORDS * OWN
     assert degrees == pytest.approx(RECORDS * ROWS - shared, rel=1e-9)
     assert shared == pytest.approx({0.0: SHARED, 1e4: 0.0}.get(weight, shared), abs=1e-3)
+
+
+@pytest.mark.parametrize("weight", [0.3, 3.0, 100.0])
+def test_distance_of_a_prior_from_what_the_rest_says(weight):
+    """The estimate without it less its mean, over the root of both variances, however narrow it is."""
+    linear = Linear(9, weight=weight)
+    solution, alone = linear.solve(), Linear(9, weight=weight)
+    alone.weight[0] = 0.0
+    theta, _, _, covariance = alone.fit()
+    expected = theta[0] / np.sqrt(1.0 / weight**2 + covariance[0, 0])
+    assert weigh_priors(solution)[0] == pytest.approx(expected, rel=1e-6)
+    assert not weigh_priors(Linear(9).solve()).any()
 
 
 def test_a_prior_that_values_disagree_with_is_let_go():

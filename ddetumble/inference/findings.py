@@ -29,6 +29,7 @@ from .identifiability import (
     analyse_with_refits,
     describe_knowledge,
     limit_knowledge,
+    list_disputed,
     measure_values,
 )
 from .noise import Noise
@@ -370,10 +371,13 @@ def judge_solution(problem: Problem, solution: Solution, degrees: float, noise: 
     """The goodness of a fit, whose chi-square has so many degrees of freedom; of values, of which there are few,
     without what the priors add, under noise of which the same values tell little.
     """
-    if not problem.records.are_values:
-        return judge_goodness(solution.chi2, degrees, pulls)
-    chi2, left = measure_values(problem, solution)
-    return judge_goodness(chi2, left, pulls, judge_values(chi2, left, noise))
+    chance = None
+    if problem.records.are_values:
+        chi2, degrees = measure_values(problem, solution)
+        chance = judge_values(chi2, degrees, noise)
+    else:
+        chi2 = solution.chi2
+    return dc.replace(judge_goodness(chi2, degrees, pulls, chance), disputed=list_disputed(problem, solution))
 
 
 def measure_bends(problem: Problem, found: Bounded, covariance: np.ndarray,

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ..measurement.quantities import join_words
 from . import distributions as stats
 from .noise import Noise, widen_by_student
 
@@ -30,6 +31,7 @@ class GoodnessOfFit:
     record: str
     shift: float
     shift_p_value: float  # chance that settings as uncertain as stated are moved so far
+    disputed: tuple[str, ...] = ()  # parameters whose priors the records disagree with
 
     @property
     def misfit(self) -> bool:
@@ -53,6 +55,9 @@ class GoodnessOfFit:
             (True, True): "The model does not describe the data within their noise and the stated uncertainty of the "
                           f"settings: {left}, and the fit shifted {far}.",
         }[self.misfit, self.moved]
+        if not told and self.disputed:
+            return (f"The model describes the data only with {join_words(self.disputed)} far from "
+                    f"{'its prior' if len(self.disputed) == 1 else 'their priors'}: records and prior disagree.")
         return told and (f"{told} The uncertainties of the parameters do not allow for this misfit; `ddetumble "
                          "discover` looks for what is missing.")
 

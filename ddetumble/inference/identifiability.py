@@ -186,6 +186,18 @@ def assume_typical(problem: Problem, solution: Solution, start: np.ndarray) -> d
         columns = np.concatenate([columns, np.eye(len(norms))[k: k + 1]])
 
 
+def weigh_priors(solution: Solution) -> np.ndarray:
+    """How far the prior of each free parameter is from what the records and the other priors say of it, in standard
+    deviations of the difference, shape (free,): its residual over the square root of one less its leverage; 0 where
+    there is no prior, or nothing else says anything.
+    """
+    columns = solution.flattened()[0]
+    norms = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    left, s, _ = np.linalg.svd(columns / norms, full_matrices=False)
+    told = 1.0 - np.sum(left[len(columns) - len(norms):, s > SINGULAR * s.max(initial=0.0)] ** 2, axis=1)
+    return np.where(told > SINGULAR, solution.prior_residual / np.sqrt(np.maximum(told, SINGULAR)), 0.0)
+
+
 def measure_values(problem: Problem, solution: Solution) -> tuple[float, float]:
     """Chi-square of values and their settings, of which there are few, and its degrees of freedom.
 
@@ -194,7 +206,7 @@ def measure_values(problem: Problem, solution: Solution) -> tuple[float, float]:
     """
     columns, right = solution.projected()
     columns, right = columns.reshape(right.size, -1), right.ravel()
-    weights = np.where(np.abs(solution.prior_residual) > DISAGREES, 0.0, solution.prior_weight)
+    weights = np.where(np.abs(weigh_priors(solution)) > DISAGREES, 0.0, solution.prior_weight)
     rows = np.concatenate([columns, np.diag(weights)])
     norms = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
     left, s, _ = np.linalg.svd(rows / norms, full_matrices=False)
@@ -205,21 +217,30 @@ def measure_values(problem: Problem, solution: Solution) -> tuple[float, float]:
     return float(np.sum(after**2)), counted - float(np.sum(left[: right.size] ** 2))
 
 
-def describe_assumed(space: ParameterSpace, priors: Mapping[str, tuple[float, float]], u: np.ndarray
+def list_disputed(problem: Problem, solution: Solution) -> tuple[str, ...]:
+    """Parameters whose priors the records disagree with; errors that all records share are none."""
+    common = {one.slot.name for one in problem.space.commons}
+    return tuple(name for name, away in zip(solution.names, weigh_priors(solution), strict=True)
+                 if name in problem.priors and name not in common and abs(away) > DISAGREES)
+
+
+def describe_assumed(space: ParameterSpace, priors: Mapping[str, tuple[float, float]], solution: Solution
                      ) -> tuple[str, ...]:
-    """These priors in sentences, and which of them the values disagree with, by the coordinates `u` of a fit."""
-    found = []
+    """These priors in sentences, and which of them the values disagree with at a fit."""
+    if not priors:
+        return ()
+    found, apart = [], dict(zip(solution.names, np.abs(weigh_priors(solution)), strict=True))
     for name, (mean, sd) in priors.items():
         transform = space.parameter(name).transform
         low, high = transform.interval(mean - sd, mean + sd)
         found.append(f"The values do not determine {name}: a prior around {transform.from_unconstrained(mean):.3g} "
                      f"({low:.2g} to {high:.2g} within one standard deviation) takes the place of a measurement.")
-        away = abs(float(u[space.index[name]]) - mean) / sd
-        if away > DISAGREES:
-            estimate = transform.from_unconstrained(float(u[space.index[name]]))
-            found.append(f"The values disagree with that prior: they pull {name} to {estimate:.3g}, {away:.2g} "
-                         "standard deviations away from it. Either the model does not hold here, or this parameter is "
-                         "not what is typical; measure it by another test, and fix it at the result.")
+        if apart[name] > DISAGREES:
+            estimate = transform.from_unconstrained(float(solution.u[space.index[name]]))
+            found.append(f"The values disagree with that prior: they pull {name} to {estimate:.3g}, and by themselves "
+                         f"are {apart[name]:.2g} standard deviations away from it. Either the model does not hold "
+                         "here, or this parameter is not what is typical; measure it by another test, and fix it at "
+                         "the result.")
     return tuple(found)
 
 

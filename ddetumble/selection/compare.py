@@ -17,6 +17,7 @@ from ..families import Family, find_family, name_family, open_campaign
 from ..inference.archive import FittedModel, Model, resolve_model, take_fitted
 from ..inference.estimation import fit
 from ..inference.files import AbstractWritten, list_fields, make_plain
+from ..inference.identifiability import list_disputed
 from ..inference.noise_estimation import differs_from_stated
 from ..measurement.campaign import Campaign, thin_campaign
 from ..measurement.quantities import describe_quantity, format_quantity
@@ -359,7 +360,7 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
         heldout_losses=chosen.loss, groups=bench.groups,
         sequential=follow_records(bench.problem, solution, bench.bases, bench.noise),
         converged=chosen.solution.converged or own is not None, free=len(chosen.solution.names))
-    return dc.replace(found, sentence=_tell(found, campaign, bench.family))
+    return dc.replace(found, sentence=_tell(found, campaign, bench.family, list_disputed(bench.problem, solution)))
 
 
 def _take_noise(bench: SelectionProblem, fitted: Fitted, saved: FittedModel) -> tuple[SelectionProblem, Fitted]:
@@ -494,13 +495,13 @@ def _bin(z: list[np.ndarray], pairs: list[tuple[np.ndarray, np.ndarray]]) -> lis
             for b in np.flatnonzero(n)]
 
 
-def _tell(found: Comparison, campaign: Campaign, family: Family) -> Sentence:
-    """The outcome in words."""
+def _tell(found: Comparison, campaign: Campaign, family: Family, disputed: Sequence[str]) -> Sentence:
+    """The outcome in words; the priors of the `disputed` parameters are none that the records agree with."""
     ratio, lack = float(np.sqrt(np.mean(found.channels["ratio"] ** 2))), found.lack_of_fit
     if not lack.rejected and not lack.tested:
         return say("verdict.untested", model=repr(found.model), ratio=ratio, records=len(found.records))
     if not lack.rejected:
-        return say("verdict.agrees", model=repr(found.model), ratio=ratio, p=lack.p_value)
+        return say("verdict.agrees", model=repr(found.model), ratio=ratio, p=lack.p_value, disputed=disputed)
     worst, place = found.records.loc[found.records["ratio"].idxmax()], None
     settings = [f"{describe_quantity(name).name} {format_quantity(name, worst[name])}"
                 for name in family.kind.conditions if name in campaign.conditions and name != "sequence"]
