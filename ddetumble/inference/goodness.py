@@ -44,7 +44,7 @@ class GoodnessOfFit:
         return self.shift_p_value < LEVEL
 
     def __str__(self) -> str:
-        """The conclusion in a sentence; '' where there is none to draw."""
+        """The conclusion in a sentence or two; '' where there is none to draw."""
         left = f"chi-square per degree of freedom is {self.chi2_reduced:.3g}"
         far = f"the {self.setting.replace('_', ' ')} of record {self.record} by {abs(self.shift):.2g} stated deviations"
         told = {
@@ -55,11 +55,15 @@ class GoodnessOfFit:
             (True, True): "The model does not describe the data within their noise and the stated uncertainty of the "
                           f"settings: {left}, and the fit shifted {far}.",
         }[self.misfit, self.moved]
-        if not told and self.disputed:
-            return (f"The model describes the data only with {join_words(self.disputed)} far from "
-                    f"{'its prior' if len(self.disputed) == 1 else 'their priors'}: records and prior disagree.")
-        return told and (f"{told} The uncertainties of the parameters do not allow for this misfit; `ddetumble "
+        parts = []
+        if self.disputed:
+            it, its = ("it", "its prior") if len(self.disputed) == 1 else ("them", "their priors")
+            parts.append(f"Records and prior disagree on {join_words(self.disputed)}: by themselves the records put "
+                         f"{it} far from {its}.")
+        if told:
+            parts.append(f"{told} The uncertainties of the parameters do not allow for this misfit; `ddetumble "
                          "discover` looks for what is missing.")
+        return " ".join(parts)
 
 
 def judge_goodness(chi2: float, degrees: float, shifts: Mapping[str, Mapping[str, float]], chance: float | None = None
