@@ -549,6 +549,15 @@ def test_degrees_of_freedom_of_values_with_priors(weight):
     assert shared == pytest.approx({0.0: SHARED, 1e4: 0.0}.get(weight, shared), abs=1e-3)
 
 
+def test_values_of_a_model_that_was_given():
+    """Without free parameters all that is left counts, with as many degrees of freedom as there are values."""
+    linear = Linear(10, shared=0)
+    records = SimpleNamespace(count=RECORDS, stack=SimpleNamespace(weights=np.ones((RECORDS, 1, ROWS))))
+    total, degrees = measure_values(SimpleNamespace(records=records), linear.solve())
+    assert total == pytest.approx(linear.fit()[2], rel=1e-9) and degrees == RECORDS * ROWS
+    assert weigh_priors(linear.solve()).shape == (0,)
+
+
 @pytest.mark.parametrize("weight", [0.3, 3.0, 100.0])
 def test_distance_of_a_prior_from_what_the_rest_says(weight):
     """The estimate without it less its mean, over the root of both variances, however narrow it is."""

@@ -186,15 +186,24 @@ def assume_typical(problem: Problem, solution: Solution, start: np.ndarray) -> d
         columns = np.concatenate([columns, np.eye(len(norms))[k: k + 1]])
 
 
+def _span(columns: np.ndarray) -> np.ndarray:
+    """Orthonormal columns that span these, shape (rows, rank)."""
+    if not columns.shape[1]:
+        return columns
+    left, s, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300), full_matrices=False)
+    return left[:, s > SINGULAR * s.max()]
+
+
 def weigh_priors(solution: Solution) -> np.ndarray:
     """How far the prior of each free parameter is from what the records and the other priors say of it, in standard
     deviations of the difference, shape (free,): its residual over the square root of one less its leverage; 0 where
     there is no prior, or nothing else says anything.
     """
+    if not solution.prior_weight.any():
+        return np.zeros(len(solution.names))
     columns = solution.flattened()[0]
-    norms = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    left, s, _ = np.linalg.svd(columns / norms, full_matrices=False)
-    told = 1.0 - np.sum(left[len(columns) - len(norms):, s > SINGULAR * s.max(initial=0.0)] ** 2, axis=1)
+    left = _span(columns)
+    told = 1.0 - np.sum(left[len(columns) - columns.shape[1]:] ** 2, axis=1)
     return np.where(told > SINGULAR, solution.prior_residual / np.sqrt(np.maximum(told, SINGULAR)), 0.0)
 
 
@@ -205,12 +214,9 @@ def measure_values(problem: Problem, solution: Solution) -> tuple[float, float]:
     prior that the values disagree with is let go, by linear algebra, as what it leaves is no misfit of the model.
     """
     columns, right = solution.projected()
-    columns, right = columns.reshape(right.size, -1), right.ravel()
+    columns, right = columns.reshape(right.size, columns.shape[2]), right.ravel()
     weights = np.where(np.abs(weigh_priors(solution)) > DISAGREES, 0.0, solution.prior_weight)
-    rows = np.concatenate([columns, np.diag(weights)])
-    norms = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
-    left, s, _ = np.linalg.svd(rows / norms, full_matrices=False)
-    left = left[:, s > SINGULAR * s.max(initial=0.0)]
+    left = _span(np.concatenate([columns, np.diag(weights)]))
     side = np.concatenate([right, solution.prior_residual * (weights > 0)])
     after = (side - left @ (left.T @ side))[: right.size]
     counted = float(np.sum(np.asarray(problem.records.stack.weights)[: problem.records.count] > 0))
