@@ -130,6 +130,8 @@ def test_a_prior_that_the_values_disagree_with_is_no_misfit():
     assert "adhesion_constant" in str(fit.goodness) and "adhesion_constant" in found.sentence
     for notes in (found.notes, fit.notes):  # what takes the place of a measurement, and that it does not suit
         assert sum("adhesion_constant" in note for note in notes) == 2
+    bounded = dd.fit(campaign, bounds={"slip_scale": (1.05, 2.0)})  # held there, where its prior pulls it
+    assert bounded.parameters["slip_scale"].estimate == pytest.approx(1.05)
 
 
 @pytest.mark.slow

@@ -241,7 +241,7 @@ def describe_assumed(space: ParameterSpace, priors: Mapping[str, tuple[float, fl
         low, high = transform.interval(mean - sd, mean + sd)
         found.append(f"The values do not determine {name}: a prior around {transform.from_unconstrained(mean):.3g} "
                      f"({low:.2g} to {high:.2g} within one standard deviation) takes the place of a measurement.")
-        if apart[name] > DISAGREES:
+        if apart.get(name, 0.0) > DISAGREES:  # one that stopped at a bound is not among the free ones
             estimate = transform.from_unconstrained(float(solution.u[space.index[name]]))
             found.append(f"The values disagree with that prior: they pull {name} to {estimate:.3g}, and by themselves "
                          f"are {apart[name]:.2g} standard deviations away from it. Either the model does not hold "
