@@ -12,10 +12,13 @@ from ddetumble._errors import InputError
 from ddetumble._settings import find_data
 from ddetumble.families import open_campaign
 from ddetumble.families.values import measure_scatter
+from ddetumble.figures import draw_predictive
 from ddetumble.inference.noise import widen_by_student
 from ddetumble.measurement.campaign import Campaign, Column
 from ddetumble.measurement.package import read_campaign, write_campaign
 from ddetumble.measurement.units import Uncertainty, si_unit
+from ddetumble.posterior.predictive_check import check_posterior
+from ddetumble.posterior.target import pose_fit
 from tests.test_paper import integrate_peak, solve_kappa
 
 
@@ -87,6 +90,21 @@ def test_rebound_speeds_alone_give_the_restitution():
 
 
 @pytest.mark.slow
+def test_a_single_value_is_held_against_its_replicates(tmp_path):
+    """Of one value the largest residual says what chi-square does, and has no neighbour."""
+    found = dd.fit(make_campaign({"rebound_speed": draw_rebounds(1)}, 0.01), fixed={"effective_mass": MASS})
+    target = pose_fit(found)
+    x = np.random.default_rng(1).multivariate_normal(target.centre, target.covariance, 200)
+    checks = check_posterior(target, x)
+    assert checks.replicates.are_values and not checks.rejected
+    for one in checks.records:
+        assert set(one.p_values) == {"chi_square", "largest"}
+        assert one.p_values["largest"] == pytest.approx(one.p_values["chi_square"], rel=1e-6)
+    assert checks.comparisons == 2 * len(SPEEDS) + 1
+    draw_predictive(checks).savefig(tmp_path / "values.png")
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("uncertainty", [0.01, None])
 def test_intervals_of_the_restitution_cover(uncertainty):
     """95 % intervals hold the truth in 95 % of campaigns, whether the noise is stated or its scatter estimated."""
@@ -127,6 +145,7 @@ def test_a_prior_that_the_values_disagree_with_is_no_misfit():
     found, fit = dd.compare(campaign), dd.fit(campaign)
     assert found.lack_of_fit.tested and not found.lack_of_fit.rejected and not fit.goodness.misfit
     assert fit.parameters["adhesion_constant"].estimate > 5.0 and fit.goodness.disputed == ("adhesion_constant",)
+    assert fit.chi2_reduced < 1.5 < fit.chi2 / fit.degrees  # which counts what the priors add
     assert "adhesion_constant" in str(fit.goodness) and "adhesion_constant" in found.sentence
     for notes in (found.notes, fit.notes):  # what takes the place of a measurement, and that it does not suit
         assert sum("adhesion_constant" in note for note in notes) == 2

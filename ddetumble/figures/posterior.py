@@ -178,28 +178,34 @@ def draw_predictive(checks: Checks, family: str = DEFAULT_FAMILY, count: int = 4
         family: of the records.
         count: of records whose replicates are drawn.
     """
-    records = checks.records
-    height = 1.75 * -(-min(count, len(records)) // 2)
+    records, own = checks.records, checks.replicates
+    height = 1.75 * (len(own.channels) if own.are_values else -(-min(count, len(records)) // 2))
     figure = new_figure(2.7 + height)
     above, below = figure.subfigures(2, 1, height_ratios=(2.3, height + 0.4))
     axes = dress(above.add_subplot(), yscale="log", ylim=(_LEAST / 3, 1.6), xlim=(-0.7, len(records) - 0.3),
                  ylabel="p-value of a replicate")
-    for name, (mark, colour) in _MARKS.items():
+    marks = {name: _MARKS[name] for name in records[0].p_values}
+    for name, (mark, colour) in marks.items():
         axes.scatter(np.arange(len(records)), [max(one.p_values[name], _LEAST) for one in records], s=20, marker=mark,
                      color=colour, alpha=0.85, lw=0, zorder=3)
-    axes.axhspan(_LEAST / 3, LEVEL / (2 * len(STATISTICS) * len(records)), color=FLOOR, alpha=0.18, lw=0)
+    axes.axhspan(_LEAST / 3, LEVEL / (2 * len(marks) * len(records)), color=FLOOR, alpha=0.18, lw=0)
     axes.set_yticks([1, 1e-2, 1e-4, 1e-6, _LEAST], ["1", "0.01", "1e−4", "1e−6", "≤ 1e−7"])
     axes.minorticks_off()
     short = shorten_names((one.record for one in records), 14)
     name_ticks(axes, [short[str(one.record)] for one in records], WIDTH - 1.2, 8)
     # Measured minus the mean of the replicates, over their range: for the strangest records, and some that are not.
-    own = checks.replicates
     order = np.argsort([min(one.p_values.values()) for one in records])
     wanted = [*order[: -(-count // 2)], *order[-(count // 2):]] if len(order) > count else order
     chosen = sorted(int(g) for g in wanted)
     names = vary(one.conditions for one in records)
     short = shorten_names((one.record for one in records), 20)
     shown = describe_quantity(own.channels[0], unit="")
+    told = [*(STATISTICS[name] for name in marks), "stands out individually", "measured", "90 % of replicates"]
+    if own.are_values:
+        handles = _draw_values(below, own, [short[str(one.record)] for one in records], (0.05, 0.95), less=True)
+        head_figure(figure, [*(key_dot(colour, 5, mark) for mark, colour in marks.values()), key_band(lw=None),
+                             *handles], told)
+        return figure
     for axes, g, x, measured, values in _lay_out(below, own, family, chosen,
                                                  f"measured − model\n[{shown.unit or '–'}]"):
         middle = values.mean(axis=0)
@@ -212,9 +218,8 @@ def draw_predictive(checks: Checks, family: str = DEFAULT_FAMILY, count: int = 4
         record = records[g]
         title = f"{short[str(record.record)]}   {describe_conditions(record.conditions, names)}"
         axes.set_title(wrap_text(title, WIDTH / 2 - 0.8, 9), fontsize=9)
-    head_figure(figure, [*(key_dot(colour, 5, mark) for mark, colour in _MARKS.values()), key_band(lw=None),
-                         key_line(INK, 1.0), key_band(KIN, 0.5, lw=None)],
-                [*STATISTICS.values(), "stands out individually", "measured", "90 % of replicates"])
+    head_figure(figure, [*(key_dot(colour, 5, mark) for mark, colour in marks.values()), key_band(lw=None),
+                         key_line(INK, 1.0), key_band(KIN, 0.5, lw=None)], told)
     return figure
 
 
@@ -227,6 +232,12 @@ def draw_prior_predictive(replicates: Replicates, family: str = DEFAULT_FAMILY, 
         family: of the records.
         count: of records that are drawn, spread over the campaign.
     """
+    words = ["measured", "50 % of the records that the priors expect", "95 %"]
+    if replicates.are_values:
+        figure = new_figure(0.6 + 1.75 * len(replicates.channels))
+        places = [str(k + 1) for k in range(len(replicates.time))]
+        head_figure(figure, _draw_values(figure, replicates, places, (0.25, 0.75), (0.025, 0.975)), words)
+        return figure
     chosen = np.unique(np.linspace(0, len(replicates.time) - 1, min(count, len(replicates.time))).astype(int))
     figure = new_figure(0.6 + 1.75 * -(-len(chosen) // 2))
     shown = describe_quantity(replicates.channels[0], unit="")
@@ -236,7 +247,7 @@ def draw_prior_predictive(replicates: Replicates, family: str = DEFAULT_FAMILY, 
         axes.fill_between(x, below, above, color=KIN, alpha=0.7, lw=0)
         axes.plot(x, measured * shown.scale, color=INK, lw=1.0)
     head_figure(figure, [key_line(INK, 1.0), key_band(KIN, 0.7, lw=None), key_band(KIN, 0.35, lw=None)],
-                ["measured", "50 % of the records that the priors expect", "95 %"])
+                words)
     return figure
 
 
@@ -287,6 +298,34 @@ def _lay_out(place, own: Replicates, family: str, chosen: Sequence[int], label: 
         if k >= len(chosen) - 2:
             axes.set_xlabel(along.label)
         yield axes, g, own.time[g][good] * along.scale, own.measured[g, 0, good], own.values[:, g, 0][:, good]
+
+
+def _draw_values(place, own: Replicates, names: Sequence[str], *ranges: tuple[float, float], less: bool = False
+                 ) -> list[Any]:
+    """One value a record and what replicates of it spread over, a panel a channel; returns the keys of both.
+
+    Args:
+        place: figure or part of one.
+        own: replicates of single values.
+        names: of the records, below the axis.
+        ranges: quantiles between which bars are drawn, the narrowest first.
+        less: whether the mean of the replicates is taken off.
+    """
+    strengths = np.linspace(0.7, 0.35, len(ranges)) if len(ranges) > 1 else (0.5,)
+    panels = place.subplots(len(own.channels), 1, squeeze=False).ravel()
+    for c, (axes, channel) in enumerate(zip(panels, own.channels, strict=True)):
+        measured, values = np.nanmax(own.measured[:, c], axis=1), np.nanmax(own.values[:, :, c], axis=2)
+        shown, middle = describe_quantity(channel, unit=""), values.mean(axis=0) * less
+        dress(axes).set_xlim(-0.7, len(names) - 0.3)
+        for (low, high), strength in reversed(list(zip(ranges, strengths, strict=True))):
+            ends = (np.quantile(values, [low, high], axis=0) - middle) * shown.scale
+            axes.bar(np.arange(len(names)), ends[1] - ends[0], 0.6, ends[0], color=KIN, alpha=strength, lw=0)
+        axes.plot((measured - middle) * shown.scale, "o", color=INK, ms=4, zorder=3)
+        if less:
+            axes.axhline(0, color=PALE, lw=0.8, zorder=1)
+        axes.set_ylabel(f"{shown.name}\n{'measured − model ' if less else ''}[{shown.unit or '–'}]", fontsize=8.5)
+        name_ticks(axes, names, WIDTH - 1.2, 8)
+    return [key_dot(INK, 4), *(key_band(KIN, strength, lw=None) for strength in strengths)]
 
 
 def _push_marginal(target: AbstractTarget, k: int) -> np.ndarray:

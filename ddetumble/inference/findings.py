@@ -84,7 +84,9 @@ class Fit(AbstractFitted, AbstractPrinted):
         parameters, fixed: fitted ones, by name, and held ones, in their public unit.
         derived: what the model tells beside them, by name.
         covariance, correlations: of the coordinates of `parameters`, in their order, shape (free, free).
-        chi2, degrees, chi2_reduced: sum of squares of whitened residuals, nuisances and priors; degrees of freedom.
+        chi2, degrees: sum of squares of whitened residuals, nuisances and priors, and its degrees of freedom.
+        chi2_reduced: one by the other; of values, of which there are few, without what priors add and determine, as
+            `goodness` judges it.
         goodness: whether that is more than noise leaves, and whether settings had to move further than stated.
         noise: by channel.
         converged, steps, state: of the optimiser, its steps from all starts together; `state` is a sentence.
@@ -247,8 +249,9 @@ class Fit(AbstractFitted, AbstractPrinted):
         counts = {"fitting method": "Levenberg-Marquardt", "function evals": self.steps, "records": self.records,
                   "data points": self.samples, "variables": len(self.parameters)}
         lines += [f"    # {name:<18} = {value}" for name, value in counts.items()]
+        alone = ", of the values without what priors add" if self.problem.records.are_values else ""
         lines += [f"    {'chi-square':<20} = {self.chi2:.8g}",
-                  f"    {'reduced chi-square':<20} = {self.chi2_reduced:.6g}"]
+                  f"    {'reduced chi-square':<20} = {self.chi2_reduced:.6g}{alone}"]
         lines += [f"    noise of {name}: {n.sd:.4g} {self.source.column(name).unit}, {n.text}"
                   for name, n in self.noise.items()]
         lines += [f"    {told}" for told in (self.state, str(self.goodness)) if told]
@@ -357,12 +360,12 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
     shifts = list_nuisances(problem, solution)
     pulls = {name: {record: own[name]["pull"] for record, own in shifts.items() if "pull" in own.get(name, {})}
              for name in problem.records.nuisances}
+    goodness = judge_solution(problem, solution, degrees, noise, pulls)
     return Fit(
         campaign.name, campaign.title, campaign.sha256, model, effects, parameters, fixed,
         derive_quantities(space, solution.u, gaussians, covariance), covariance, correlations, solution.chi2, degrees,
-        solution.chi2 / max(degrees, 1), judge_solution(problem, solution, degrees, noise, pulls),
-        problem.records.count, counted, dict(noise), converged, steps, state, shifts, told, remedies,
-        tuple(notes), dict(settings), campaign, problem, found, gaussians,
+        goodness.chi2_reduced, goodness, problem.records.count, counted, dict(noise), converged, steps, state, shifts,
+        told, remedies, tuple(notes), dict(settings), campaign, problem, found, gaussians,
         measure_bends(problem, found, known.covariance, gaussians))
 
 

@@ -472,12 +472,12 @@ def _summarise(singles: Mapping[str, Fit], joint: JointProblem, found: Bounded, 
         shifts = list_nuisances(problem, at)
         pulls = {name: {record: values[name]["pull"] for record, values in shifts.items() if "pull" in
                         values.get(name, {})} for name in problem.records.nuisances}
+        goodness = judge_solution(problem, at, one.degrees, one.noise, pulls)
         fits[label] = dc.replace(
             one, parameters={o: dc.replace(parameters[n], initial=one.parameters[o].estimate) for o, n in
                              places.items()}, covariance=covariance[rows], correlations=correlations[rows],
             derived=derive_quantities(one.space, at.u, own, covariance[rows]), gaussians=own, chi2=at.chi2,
-            chi2_reduced=at.chi2 / max(one.degrees, 1),
-            goodness=judge_solution(problem, at, one.degrees, one.noise, pulls),
+            chi2_reduced=goodness.chi2_reduced, goodness=goodness,
             nuisances=shifts, cannot_tell_apart=(), remedies=(), problem=problem, converged=solution.converged,
             steps=solution.steps, state=state, bends={}, profiles=(),
             notes=(*one.notes, f"Fitted together with {join_words(x for x in singles if x != label)}."),

@@ -43,8 +43,8 @@ WINDOWS = (0.3, 0.1)
 
 # Impacts that are changed together, or searched for again, at most where they miss the share: more take minutes.
 TOGETHER = 12
-# Searches from other seeds where the share is missed. Of a sequence more, as the first impacts decide what the last ones
-# find: of one drawn scenario one seed in four ended 4 % of the momentum ahead. Single impacts agreed to 2e-6.
+# Searches from other seeds where the share is missed. Of a sequence more, as the first impacts decide what the last
+# ones find: of one drawn scenario one seed in four ended 4 % of the momentum ahead. Single impacts agreed to 2e-6.
 FURTHER, FURTHER_ALONE = 3, 2
 
 Aim = Literal["impacts", "impulse", "time"]

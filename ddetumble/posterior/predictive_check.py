@@ -45,7 +45,7 @@ class RecordCheck:
     chi_square: float  # per degree of freedom
     largest: float  # whitened residual
     lag: float  # correlation of neighbouring whitened residuals
-    p_values: Mapping[str, float]  # by statistic
+    p_values: Mapping[str, float]  # by statistic; single values have no neighbours
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -56,6 +56,11 @@ class Replicates:
     time: np.ndarray  # independent variable, shape (records, samples)
     measured: np.ndarray  # shape (records, channels, samples); nan where nothing was measured
     values: np.ndarray  # shape (draws, records, channels, samples)
+
+    @property
+    def are_values(self) -> bool:
+        """Whether every record has one value a channel at most, instead of a trace."""
+        return bool(np.isfinite(self.measured).sum(axis=2).max() <= 1)
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -143,9 +148,11 @@ def check_posterior(target: CampaignTarget, x: np.ndarray, report: Progress = la
     each = {"chi_square": stats.chi2.sf(square, degrees),
             "largest": -np.expm1(size * np.log1p(-np.minimum(2 * stats.norm.sf(largest), 1 - 1e-16))),
             "lag": 2 * stats.norm.sf(np.abs(lag) / spread)}  # fmt: skip
-    each = {name: own.mean(axis=0) for name, own in each.items()}
     totals = {"chi_square": float(stats.chi2.sf(square.sum(axis=1), degrees.sum()).mean()),
               "lag": float(np.mean(2 * stats.norm.sf(np.abs(whole) / wide)))}
+    if not pairs.any():  # single values have no neighbours
+        del each["lag"], totals["lag"]
+    each = {name: own.mean(axis=0) for name, own in each.items()}
     settings = target.fit.source.records.to_dict("records")
     records = tuple(
         RecordCheck(key, {str(k): float(v) for k, v in settings[g].items()}, int(size[g]),
@@ -187,7 +194,7 @@ def _add_noise(model: np.ndarray, weights: np.ndarray, taps: np.ndarray, rng: np
 
 def _conclude(records: tuple[RecordCheck, ...], draws: int, totals: Mapping[str, float], replicates: Replicates
               ) -> Checks:
-    single = np.array([[one.p_values[name] for name in STATISTICS] for one in records])
+    single = np.array([list(one.p_values.values()) for one in records])
     count = single.size + len(totals)
     # Half of the level for all records together, half for them one by one: a misfit is in many records, or in few.
     together = min(1.0, len(totals) * min(totals.values()))

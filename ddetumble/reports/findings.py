@@ -431,7 +431,13 @@ def report_comparison(found: Comparison | Comparisons, folder) -> Path:
         what, where = f"{len(found)} models", found[0].where
     sentence = found.sentence if isinstance(found, Comparison) else " ".join([found.sentence, *found.failures])
     models = {clean(label, 60): traces for label, traces in shown.items()}
-    sections += [show_fits(models), show_failures(models, one.noise, where), tabulate_errors(one)]
+    sections += [show_fits(models), show_failures(models, one.noise, where)]
+    sections += [tabulate_refitted(one)] if one.parameters else []
+    sections += [show_shifts({one.model: one.shifts})] if one.shifts else []
+    sections.append(tabulate_errors(one))
+    notes = dict.fromkeys(note for each in ([found] if isinstance(found, Comparison) else found) for note in each.notes)
+    if notes:
+        sections.append(Section("Notes", points=[clean(note, 400) for note in notes]))
     return write_page(f"{one.campaign} and {what}", sentence, sections, folder, "comparison.html",
                       status=[clean(one.campaign, 120), f"{len(one.records)} records"])
 
@@ -462,6 +468,14 @@ def tabulate_errors(result: Comparison) -> Section:
     text = "Rms / noise is the RMS residual over the standard deviation of the noise: 1 is as good as a model can be."
     followed = [] if result.sequential is None else [str(result.sequential)]
     return Section("Errors", [text, *followed], tables=tables)
+
+
+def tabulate_refitted(result: Comparison) -> Section:
+    """Parameters that a comparison refitted, with their 95 % intervals, as a part of a page."""
+    rows = [(clean(name), *show_estimate(one), "–" if one.unit in ("", "1") else clean(one.unit))
+            for name, one in result.parameters.items()]
+    header = ("parameter", "estimate", "sd", "2.5 %", "97.5 %", "unit")
+    return Section("Parameters", tables=[Table(header, rows)])
 
 
 def _tabulate(frame: pd.DataFrame, units: Mapping[str, str], caption: str) -> Table:

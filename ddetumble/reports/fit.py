@@ -32,7 +32,8 @@ def report_fit(fit: Fit, folder) -> Path:
     if not fit.converged:
         told = f"The fit has not converged: {fit.state}. {told}"
     status = [clean(fit.campaign, 60), f"{fit.records} records", f"{fit.samples} samples"]
-    facts = [("χ² / dof", format_number(fit.chi2_reduced), "1 if only noise is left"),
+    values = "; without what priors add" if fit.problem.records.are_values else ""
+    facts = [("χ² / dof", format_number(fit.chi2_reduced), f"1 if only noise is left{values}"),
              ("parameters", str(len(fit.parameters)), "fitted")]
     return write_page(f"{fit.campaign} and the model {fit.model_text}", told, sections, folder,
                       badge="" if fit.converged else "not converged", status=status, facts=facts)

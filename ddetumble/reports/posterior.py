@@ -122,17 +122,20 @@ def _show_predictive(posterior: Posterior) -> Section | None:
         "noise of the fitted size and correlation. A p-value is the probability of a replicate at least as extreme as "
         "the measurement; a small one means that the model does not produce such a record.")]
     caption = (f"Above: p-values of every record; below the grey edge a record stands out among {checks.comparisons} "
-               "comparisons. Below: the two most unusual records and two others, measured minus the mean of the "
-               "replicates, over the range that contains 90 % of these.")
+               "comparisons. Below: " + ("every record" if checks.replicates.are_values else
+                                          "the two most unusual records and two others") +
+               ", measured minus the mean of the replicates, over the range that contains 90 % of these.")
     picture = Picture("predictive", caption, figures.draw_predictive(checks, posterior.target.fit.source.family),
-                      "P-values by record, and residuals of four records over their replicates.")
+                      "P-values by record, and residuals of records over their replicates.")
     names = vary(one.conditions for one in checks.records)
     rows = [(clean(one.record, 30), describe_conditions(one.conditions, names), str(one.samples),
-             format_number(one.chi_square), format_p(one.p_values["chi_square"]), format_number(one.largest),
-             format_p(one.p_values["largest"]), format_number(one.lag), format_p(one.p_values["lag"]))
+             *(cell for name, p_value in one.p_values.items()
+               for cell in (format_number(getattr(one, name)), format_p(p_value))))
             for one in checks.records]
     marked = frozenset(i for i, one in enumerate(checks.records) if one.record in checks.outstanding)
-    header = ("record", "conditions", "samples", "χ² / dof", "p", "largest residual", "p", "neighbours", "p")
+    words = {"chi_square": "χ² / dof", "largest": "largest residual", "lag": "neighbours"}
+    header = ("record", "conditions", "samples", *(cell for name in checks.records[0].p_values
+                                                   for cell in (words[name], "p")))
     totals = ", ".join(f"{STATISTICS[name]} {say_p(value)}" for name, value in checks.totals.items())
     table = Table(header, rows, f"Marked records stand out individually. All records together: {totals}.", marked)
     return Section("Does the model produce such records?", paragraphs, [picture], [table])
