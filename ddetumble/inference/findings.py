@@ -35,6 +35,7 @@ from .identifiability import (
 from .noise import Noise
 from .parameters import ParameterSpace
 from .problem import AbstractProblem, Problem, Solution
+from .systematics import Systematic, measure_systematics, tell_systematics
 
 
 FILE = "fit.json"
@@ -45,6 +46,7 @@ HIGH = 1e6  # of chi-square, for what could not be refitted: far above any end
 # Times the rise that a straight line expects at the end of a 95 % interval from which on that is not to be trusted: of
 # a hundred campaigns of Eq. 10 (fits/slip-coverage) intervals of parameters above it held the truth in 83 to 91.
 BENT = 2.0
+NEGLIGIBLE = 100.0  # times an estimate, from which its deviation is no share of it
 INSIDE = ("source", "problem", "bounded", "gaussians")  # what of a fit is not written down
 
 
@@ -97,6 +99,7 @@ class Fit(AbstractFitted, AbstractPrinted):
         bends: of each parameter how many times as much as its interval says chi-square has risen at an end of that, the
             others moved along as a straight line has it; 1 where the interval is what it says.
         profiles: parameters whose 95 % intervals are by profile likelihood; see `profiled`.
+        systematics: what an error that all records share, and nobody stated, would do to the estimates.
         settings: command, specification, seed.
         source, problem, bounded, space, solution: for those who go on computing.
         gaussians: of the coordinates, by name: mean, standard deviation, and the limits at which they are cut off.
@@ -133,6 +136,7 @@ class Fit(AbstractFitted, AbstractPrinted):
     gaussians: Mapping[str, tuple[float, float, float, float]]
     bends: Mapping[str, float] = dc.field(default_factory=dict)
     profiles: tuple[str, ...] = ()
+    systematics: tuple[Systematic, ...] = ()
 
     def __repr__(self) -> str:
         return f"<Fit of {self.model_text} to {self.campaign}: chi2/degrees {self.chi2_reduced:.3g}>"
@@ -240,6 +244,8 @@ class Fit(AbstractFitted, AbstractPrinted):
             told.append(f"The 95 % intervals of {', '.join(bent)} take a curved valley for a straight one: at an end "
                         f"chi-square has risen up to {most} times as much as it should. `ddetumble fit --profile` "
                         "(`Fit.profiled`) finds the ends by refitting; a posterior (`sample`) needs no straight line.")
+        if not self.goodness.misfit and (hidden := tell_systematics(self.systematics)):
+            told.append(hidden)
         return tuple(told)
 
     def __str__(self) -> str:
@@ -258,7 +264,7 @@ class Fit(AbstractFitted, AbstractPrinted):
         lines.append("[[Variables]]")
         width = max(map(len, (*self.parameters, *self.fixed))) + 1
         for name, p in self.parameters.items():
-            share = f" ({100 * p.sd / abs(p.estimate):.2f}%)" if p.estimate and math.isfinite(p.sd) else ""
+            share = f" ({100 * p.sd / abs(p.estimate):.2f}%)" if p.sd < NEGLIGIBLE * abs(p.estimate) else ""
             spread = f"+/- {p.sd:.4g}{share}" if math.isfinite(p.sd) else "+/- not determined"
             spread += f" {p.unit}" if p.unit else ""
             bound = f", at its {p.at_bound} bound" if p.at_bound else ""
@@ -366,7 +372,8 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
         derive_quantities(space, solution.u, gaussians, covariance), covariance, correlations, solution.chi2, degrees,
         goodness.chi2_reduced, goodness, problem.records.count, counted, dict(noise), converged, steps, state, shifts,
         told, remedies, tuple(notes), dict(settings), campaign, problem, found, gaussians,
-        measure_bends(problem, found, known.covariance, gaussians))
+        measure_bends(problem, found, known.covariance, gaussians),
+        systematics=measure_systematics(problem, solution, known.covariance, campaign))
 
 
 def judge_solution(problem: Problem, solution: Solution, degrees: float, noise: Mapping[str, Noise],

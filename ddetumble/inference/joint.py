@@ -479,7 +479,7 @@ def _summarise(singles: Mapping[str, Fit], joint: JointProblem, found: Bounded, 
             derived=derive_quantities(one.space, at.u, own, covariance[rows]), gaussians=own, chi2=at.chi2,
             chi2_reduced=goodness.chi2_reduced, goodness=goodness,
             nuisances=shifts, cannot_tell_apart=(), remedies=(), problem=problem, converged=solution.converged,
-            steps=solution.steps, state=state, bends={}, profiles=(),
+            steps=solution.steps, state=state, bends={}, profiles=(), systematics=(),
             notes=(*one.notes, f"Fitted together with {join_words(x for x in singles if x != label)}."),
             bounded=Bounded(at, tuple(places), {o: found.held[n] for o, n in places.items() if n in found.held},
                             {o: found.bounds[n] for o, n in places.items()}))

@@ -16,7 +16,7 @@ from ..families import Family, find_family, name_family
 from ..families.starts import straighten
 from ..measurement.campaign import Campaign
 from ..measurement.units import Uncertainty
-from .noise import TAPS, Noise, scale_whitening, whitening, widen_by_student
+from .noise import TAPS, Noise, scale_whitening, whitening, whitening_matrix, widen_by_student
 from .parameters import Common
 
 
@@ -77,6 +77,15 @@ class Records:
         """Whether every record is a single sample: values, of which a test gives one each, and no series."""
         return int(self.lengths.max()) == 1
 
+    def whiten(self, record: int, channel: int, columns: np.ndarray) -> np.ndarray:
+        """Columns over the samples of one channel, shape (samples, columns), as rows of the record's whitened
+        residual, shape (rows, columns)."""
+        n = self.lengths[record]
+        weights, taps = np.asarray(self.stack.weights)[record], np.asarray(self.stack.taps)[record]
+        found = np.zeros((*weights.shape, columns.shape[1]))
+        found[channel, :n] = whitening_matrix(weights[channel, :n], taps[channel, :n]) @ columns
+        return found.reshape(-1, columns.shape[1])
+
 
 def _pad_size(wanted: int, sizes: tuple[int, ...]) -> int:
     """Smallest of the sizes that holds `wanted`; beyond the last one a multiple of it."""
@@ -119,10 +128,10 @@ def list_paces(campaign: Campaign) -> np.ndarray:
 
 def list_commons(campaign: Campaign) -> tuple[Common, ...]:
     """Errors that all records share, as the campaign states them: of the time origin, conditions and channels."""
-    predicted = find_family(name_family(campaign)).channels
+    family = find_family(name_family(campaign))
     columns = {"time": campaign.independent} | {
         name: column for name, column in campaign.conditions.items() if name != "sequence"} | {
-        name: column for name, column in campaign.channels.items() if name in predicted}
+        name: column for name, column in campaign.channels.items() if name in family.channels or name in family.values}
     return tuple(Common(name, float(spread.absolute or 0.0 if spread.relative is None else spread.relative),
                         spread.relative is not None, column.unit) for name, column in columns.items()
                  if column is not None and (spread := column.common) is not None)

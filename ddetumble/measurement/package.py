@@ -96,8 +96,8 @@ def _read_package(descriptor: Path) -> Campaign:
     if peaks is not None:
         checks.check_peaks(peaks, records.keys)
         for name, column in peaks.columns.items():
-            if column.common is not None:
-                problem = "the common_uncertainty of a peak is not used; state that of a condition"
+            if column.common is not None and samples is not None:
+                problem = "the common_uncertainty of a peak is not used beside samples; state that of a channel"
                 raise InputError(problem, column=name)
         parts |= {"peaks": peaks.frame(), "peak_columns": peaks.columns}
     measured = {key for table in (samples, peaks) if table is not None for key in table.keys}

@@ -20,7 +20,7 @@ from ..inference.stack import DRIFT
 from ..measurement.campaign import Campaign
 from ..measurement.faults import Fault
 from ..measurement.units import format_time, si_unit
-from .leave_record_out import Aside, Misfit, measure_record, whiten_baseline, whiten_columns
+from .leave_record_out import Aside, Misfit, measure_record, whiten_baseline
 from .problem import SelectionProblem
 from .settings import DEFAULT, OutlierSettings
 
@@ -187,7 +187,7 @@ def _try_columns(selection: SelectionProblem, aside: Aside) -> Hypotheses:
             f"{start + drift:.3g} {unit} at the end.", WARM)
         if selection.family.free_running and c >= len(records.starts):
             continue
-        columns = whiten_columns(problem, r, c, aside.stated.channels[r, c, : records.lengths[r], None])
+        columns = records.whiten(r, c, aside.stated.channels[r, c, : records.lengths[r], None])
         gain, = 1.0 + _solve_columns(aside, columns)
         misfit = measure_record(selection, aside.stated, r, aside.spread, columns)
         if gain > 1.0 and not _fits(selection, misfit, aside):

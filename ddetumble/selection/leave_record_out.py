@@ -7,7 +7,6 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from ..inference import distributions as stats
-from ..inference.noise import whitening_matrix
 from ..inference.problem import Problem, Solution, mask_records, settle
 from ..inference.progressive_horizon import is_lost, solve_progressively
 from .lack_of_fit import TOLD, doubt_level, judge_smooth, orthonormalise
@@ -109,16 +108,7 @@ def set_aside(selection: SelectionProblem, solution: Solution, record: int, out:
                  judge(selection, sum(m.total for m in others.values()), degrees))
 
 
-def whiten_columns(problem: Problem, record: int, channel: int, columns: np.ndarray) -> np.ndarray:
-    """Columns over the samples of one channel as rows of the record's residual, shape (rows, columns)."""
-    stack, n = problem.records.stack, problem.records.lengths[record]
-    weights, taps = np.asarray(stack.weights)[record], np.asarray(stack.taps)[record]
-    found = np.zeros((*weights.shape, columns.shape[1]))
-    found[channel, :n] = whitening_matrix(weights[channel, :n], taps[channel, :n]) @ columns
-    return found.reshape(-1, columns.shape[1])
-
-
 def whiten_baseline(problem: Problem, record: int, channel: int) -> np.ndarray:
     """An offset of one channel, and a drift from 0 to 1 over the record, as such columns, shape (rows, 2)."""
     t = np.asarray(problem.records.stack.time)[record, : problem.records.lengths[record]]
-    return whiten_columns(problem, record, channel, np.stack([np.ones(len(t)), (t - t[0]) / (t[-1] - t[0])], axis=1))
+    return problem.records.whiten(record, channel, np.stack([np.ones(len(t)), (t - t[0]) / (t[-1] - t[0])], axis=1))
