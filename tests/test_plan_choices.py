@@ -21,7 +21,7 @@ from ddetumble.dynamics.surfaces import Debris, make_debris, make_polytope
 from ddetumble.planning.errors import err_problem
 from ddetumble.planning.execution import draw_errors, follow_errors, try_errors
 from ddetumble.planning.plan import Plan, PlanSettings
-from ddetumble.planning.prices import REACHED, list_reached, price_limits
+from ddetumble.planning.prices import REACHED, Price, list_reached, name_narrowed, price_limits
 from ddetumble.planning.problem import Goal, Limits, StrikeProblem, drift, score
 from ddetumble.planning.rules import compare_rules
 from ddetumble.planning.scenario import pose_laws, pose_problem
@@ -387,3 +387,39 @@ def test_one_blow_is_judged_in_public(held):
     scores = np.asarray(jax.vmap(lambda one: dd.planning.evaluate(problem, face, one))(jnp.asarray(places)))[:, 0]
     assert float(scores[0]) == pytest.approx(best.score, rel=1e-6)
     assert float(scores[1] - scores[2]) / 2e-4 == pytest.approx(float(slopes[0, 0]), rel=1e-2, abs=1e-4)
+
+
+@pytest.mark.parametrize(("body", "words"), [
+    ("w @ w, w @ w", "fails"), ("'a'", "fails"), ("w", "fails"), ("1 / 0", "ZeroDivisionError"), ("-(w @ w)", "is -"),
+    ("w[0] * jnp.nan", "is nan"), ("jnp.sqrt(jnp.sum((w - w) ** 2)) + 1.0", "gradient")])
+def test_a_goal_that_fails_is_no_bug_of_the_toolkit(tmp_path, body, words):
+    """Tried at the motion before the first impact, and refused in a sentence that names it."""
+    (tmp_path / "goals.py").write_text(f"import jax.numpy as jnp\n\n\ndef own(w, inertia):\n    return {body}\n")
+    trust_file(tmp_path / "goals.py")
+    with pytest.raises(dd.InputError, match="goals.py:own") as error:
+        read(tmp_path, SCENARIO + '[goal]\nfunction = "goals.py:own"\n')
+    assert error.value.key == "goal.function" and words in error.value.problem
+
+
+def test_angles_and_fractions_take_texts_with_units(tmp_path):
+    """As every other key does: docs/scenario.md says so."""
+    text = ('schema = "ddetumble.plan/1"\n[debris]\nangular_velocity = [0.1, 0.0, 0.0]\n[arm]\ncone_degrees = "0.5 rad"\n'
+            '[errors]\ndirection_degrees = "2 deg"\nattitude_degrees = "0.1 rad"\nrates = "3 %"\nspeed = "2 %"\n'
+            'inertia = "5 %"\n')
+    (tmp_path / "scenario.toml").write_text(text)
+    scenario = read_scenario(tmp_path / "scenario.toml")
+    assert scenario.arm.cone_degrees == pytest.approx(np.degrees(0.5))
+    sizes = scenario.errors.sizes()
+    assert [sizes[name] for name in ("direction", "attitude", "rates", "speed", "inertia")] == pytest.approx(
+        [np.radians(2.0), 0.1, 0.03, 0.02, 0.05])
+
+
+def test_prices_name_the_limit_that_holds():
+    """Where a plan stays within what was measured, a looser limit of the scenario would gain nothing."""
+    given = Limits(pressure=np.array([1e6, 2.5e6]), force=500.0, approach=0.05)
+    narrowed = dc.replace(given, pressure=np.array([1e6, 2.43e6]), force=80.0)
+    prices = (Price("limits.pressure", "the highest 1 % more", 0.1, "goal"), Price("limits.force", "1 % more", 0.2, "goal"),
+              Price("limits.pressure", "the lowest 1 % less", 0.3, "goal"), Price("limits.approach", "1 % less", 0.4, "goal"))
+    assert [one.key for one in name_narrowed(prices, given, narrowed)] == [
+        "limits.within", "limits.within", "limits.pressure", "limits.approach"]
+    assert name_narrowed(prices, given, given) == prices

@@ -29,7 +29,7 @@ from .measured import (
     warn_of_extrapolation,
 )
 from .plausibility import check_scenario
-from .prices import Price, list_reached, price_limits
+from .prices import Price, list_reached, name_narrowed, price_limits
 from .problem import StrikeProblem
 from .robust import plan_robust_strike
 from .rules import Blow, compare_rules
@@ -315,6 +315,9 @@ def _plan(problem: StrikeProblem, settings: PlanSettings, laws: Laws | None, con
     wide, problem = (problem, confine(problem, ranges)) if how.within else (None, problem)
     found = search(problem)
     beyond = None if wide is None else search(wide)
+    if wide is not None and found.joint is not None:
+        renamed = name_narrowed(found.joint.prices, wide.limits, problem.limits)
+        found = dc.replace(found, joint=dc.replace(found.joint, prices=renamed))
     assessment, prospect = None, None
     if laws is not None and found.impacts:
         tell("trying the first impact on all draws", math.nan)
@@ -328,6 +331,8 @@ def _plan(problem: StrikeProblem, settings: PlanSettings, laws: Laws | None, con
         first = found.impacts[0]
         if found.joint is None or not found.joint.taken:
             prices = tuple(price_limits(problem.limits, [one]) for one in found.impacts)
+            if wide is not None:
+                prices = tuple(name_narrowed(one, wide.limits, problem.limits) for one in prices)
         rules, spreads = compare_rules(problem, first), try_errors(problem, first, how.errors, how.seed)
         if len(found.impacts) > 1:
             after = follow_errors(problem, found.impacts, how.errors, how.seed)

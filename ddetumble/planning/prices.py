@@ -99,6 +99,31 @@ def price_limits(limits: Limits, plans: Iterable[StrikePlan], of: str = "goal", 
                         key=lambda price: -price.gain))
 
 
+# Of the limits that `within` may narrow: key and change as above, what it is called then, and its field and end.
+NARROWED = (
+    ("limits.force", "1 % more", "measured force 1 % more", "force", None),
+    ("limits.depression", "1 % more", "measured depression 1 % more", "depression", None),
+    ("limits.approach", "1 % less", "measured 1 % slower", "approach", None),
+    ("limits.pressure", "the highest 1 % more", "highest measured pressure 1 % more", "pressure", 1),
+    ("limits.pressure", "the lowest 1 % less", "lowest measured pressure 1 % less", "pressure", 0),
+)
+
+
+def name_narrowed(prices: Iterable[Price], given: Limits, narrowed: Limits) -> tuple[Price, ...]:
+    """Prices under limits that were narrowed to what was measured: of those that hold there, not of the wider ones in
+    the scenario, of which a looser value would gain nothing.
+    """
+    words = {(key, change): shown for key, change, shown, field, end in NARROWED
+             if _read_end(narrowed, field, end) != _read_end(given, field, end)}
+    return tuple(dc.replace(one, key="limits.within", change=words[one.key, one.change])
+                 if (one.key, one.change) in words else one for one in prices)
+
+
+def _read_end(limits: Limits, field: str, end: int | None) -> float:
+    value = getattr(limits, field)
+    return float(value if end is None else value[end])
+
+
 def list_reached(plan: StrikePlan) -> tuple[str, ...]:
     """Names of the limits that an impact reaches, to within `REACHED`: constraints, and ends of the pressure and of the
     window, from their values and not from the gradient, which vanishes where nothing is left to gain.

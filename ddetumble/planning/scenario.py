@@ -1,11 +1,13 @@
 """What a scenario stands for: its body, the contact law of its ball on its arm, and the problem of the first impact."""
 
 import dataclasses as dc
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -175,6 +177,25 @@ def _load_function(name: str, here: Path) -> Callable:
     return found
 
 
+def _check_function(function: Callable, name: str, rates: np.ndarray, inertia) -> None:
+    """Refuse a goal of the user's own that fails, or gives no positive number with a gradient, before it is planned by.
+
+    It is tried at the motion before the first impact.
+    """
+    try:
+        value, slope = jax.value_and_grad(lambda turning: function(turning, inertia))(jnp.asarray(rates))
+        value, slope = float(value), np.asarray(slope)
+    except Exception as error:
+        raise InputError(f"{name} fails at the motion before the first impact ({type(error).__name__}: "
+                         f"{str(error).splitlines()[0] if str(error) else 'without a message'}); it is called with the "
+                         "angular velocity, shape (3,), and the tensor of inertia, and returns a number, in JAX",
+                         key="goal.function") from None
+    if not (value > 0.0 and math.isfinite(value) and np.all(np.isfinite(slope))):
+        what = f"is {value:.4g}" if not (value > 0.0 and math.isfinite(value)) else "has no finite gradient"
+        raise InputError(f"{name} {what} at the motion before the first impact, where it has to be a positive, "
+                         "differentiable number", key="goal.function")
+
+
 def pose_problem(scenario: Scenario, here: Path, laws: Laws | None = None) -> StrikeProblem:
     """The problem of a scenario's first impact, in the folder `here`; the best estimate of `laws` is the contact law
     where they are given.
@@ -203,5 +224,7 @@ def pose_problem(scenario: Scenario, here: Path, laws: Laws | None = None) -> St
                     cone=np.radians(arm.cone_degrees), clearance=arm.clearance_time)
     law = mount_law(scenario, *load_laws(scenario.ball, here)) if laws is None else laws.main
     own = _load_function(goal.function, here) if goal.function else None
+    if own is not None:
+        _check_function(own, goal.function, rates, debris.inertia)
     return StrikeProblem(law, debris, attitude, rates, limits, Goal(goal.momentum, goal.energy, goal.nutation, own),
                          {name: scalar(value) for name, value in scenario.ball.conditions.items()})

@@ -28,16 +28,18 @@ OF_A_FIT = ("the ball of a fit has the outer diameter that its campaign states (
             "'outer_diameter=60 mm'); leave outer_diameter out")
 DEEPEST = 0.5  # of the diameter, that a limit of the depression may be: up to there the contact geometry is meant
 
+DEGREES = 180.0 / np.pi  # in a radian
+
 Number = StrictFloat | StrictInt
 Positive = Annotated[Number, Field(gt=0)]
 NotNegative = Annotated[Number, Field(ge=0)]
 
 
-def _read_in(unit: str) -> BeforeValidator:
-    """Reads a text with a unit as a number in this one; what is no text passes."""
+def _read_in(unit: str, scale: float = 1.0) -> BeforeValidator:
+    """Reads a text with a unit as a number in this one, times `scale`; what is no text passes."""
     def read(value: Any) -> Any:
         try:
-            return convert_text(value, unit) if isinstance(value, str) else value
+            return scale * convert_text(value, unit) if isinstance(value, str) else value
         except InputError as error:
             raise ValueError(error.problem) from None
 
@@ -57,6 +59,8 @@ Inertia = Annotated[Number, _read_in("kg*m^2")]
 Row = tuple[Inertia, Inertia, Inertia]
 Place = Annotated[Number, _read_in("m")]
 Places = tuple[Place, Place, Place]
+Fraction = Annotated[NotNegative, _read_in("")]
+Degrees = Annotated[NotNegative, _read_in("rad", DEGREES)]
 Vector = tuple[Number, Number, Number]
 
 
@@ -157,7 +161,7 @@ class ArmTable(Strict):
         "mass of an oblique fit, or 0.5 kg.")
     speed: Speed = Field(default=2.0, description="largest speed of the tip [m/s].")
     chaser: Vector = Field(default=(1.0, 0.0, 0.0), description="direction from the debris to the chaser, inertial.")
-    cone_degrees: Annotated[Number, Field(gt=0, le=180)] = Field(
+    cone_degrees: Annotated[Number, Field(gt=0, le=180), _read_in("rad", DEGREES)] = Field(
         default=180.0, description="largest angle between this direction and the outward normal at the place that is "
         "struck.")
     chaser_mass: Mass | None = Field(
@@ -237,13 +241,13 @@ class ErrorTable(Strict):
 
     instant: Time = Field(default=0.05, description="of the instant of first touch [s].")
     place: Distance = Field(default=0.01, description="of the place where the arm arrives, along each axis [m].")
-    direction_degrees: NotNegative = Field(
+    direction_degrees: Degrees = Field(
         default=1.0, description="of the direction of the arm's velocity, about each axis across it [°].")
-    speed: NotNegative = Field(default=0.01, description="of the arm's speed, as a fraction of it.")
-    rates: NotNegative = Field(
+    speed: Fraction = Field(default=0.01, description="of the arm's speed, as a fraction of it.")
+    rates: Fraction = Field(
         default=0.01, description="of the angular velocity at time 0, of each component, as a fraction of its size.")
-    attitude_degrees: NotNegative = Field(default=1.0, description="of the attitude at time 0, about each axis [°].")
-    inertia: NotNegative = Field(default=0.02, description="of each principal moment of inertia, as a fraction of it.")
+    attitude_degrees: Degrees = Field(default=1.0, description="of the attitude at time 0, about each axis [°].")
+    inertia: Fraction = Field(default=0.02, description="of each principal moment of inertia, as a fraction of it.")
     centre: Distance = Field(default=0.0, description="of the centre of mass, along each axis [m].")
     draws: Annotated[StrictInt, Field(ge=8, le=4096)] = Field(default=64, description="number of draws.")
     plan_for: Literal["best", "mean", "tail"] = Field(

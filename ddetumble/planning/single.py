@@ -97,6 +97,11 @@ class StrikePlan:
         return int(self.design.face), self.x
 
     @property
+    def broken(self) -> list[str]:
+        """Names of the constraints that it violates, the farthest first."""
+        return [name for name, value in sorted(self.values.items(), key=lambda item: item[1]) if value < -ALLOWED]
+
+    @property
     def worth(self) -> bool:
         """Whether it is allowed, and brings down what is wanted small by `LEAST_GAIN` or more."""
         return self.allowed and self.untouched - self.score >= LEAST_GAIN * self.untouched

@@ -307,6 +307,19 @@ def _list_ball(plan: Plan) -> list[list[str]]:
     return sorted(rows, key=lambda row: ({"ball": 0, "friction": 1, "arm": 3}.get(row[0], 2)))
 
 
+def _describe_shape(surface: AbstractSurface) -> str:
+    """The shape of a body and its size."""
+    if isinstance(surface, OffsetSurface):
+        return _describe_shape(surface.surface)
+    if isinstance(surface, CylinderSurface):
+        return f"cylinder of radius {float(surface.radius):.4g} m and length {float(surface.length):.4g} m"
+    if isinstance(surface, Polytope):
+        normals, offsets = np.asarray(surface.normals), np.asarray(surface.offsets)
+        corners = HalfspaceIntersection(np.column_stack([normals, -offsets]), np.zeros(3)).intersections
+        return f"{len(normals)} faces, {' × '.join(f'{one:.4g}' for one in np.ptp(corners, axis=0))} m along body x, y, z"
+    return f"sphere of radius {float(surface.reach()):.4g} m"
+
+
 def _show_problem(plan: Plan) -> Section:
     """What is struck, what is allowed and what is wanted, as they were given."""
     problem, limits, goal = plan.problem, plan.problem.limits, plan.problem.goal
@@ -323,8 +336,11 @@ def _show_problem(plan: Plan) -> Section:
     low, high = (f"{float(one) / 1e6:.3g}" for one in limits.pressure)
     since = "time 0" + (", and after the end of the impact before" if plan.settings.impacts > 1 else "")
     rows = [
+        ["debris", "shape", _describe_shape(debris.surface)],
         ["debris", "mass", f"{float(debris.mass):.4g} kg"],
         ["debris", "principal moments of inertia", f"{', '.join(f'{one:.4g}' for one in moments)} kg m²"],
+        *([["debris", "centre of mass, from that of uniform density", f"({_join(np.asarray(debris.surface.centre))}) m"]]
+          if isinstance(debris.surface, OffsetSurface) else []),
         ["debris", "angular velocity, body", f"({_join(rates)}) rad/s, {_show(np.degrees(turn), 2)} °/s in all"],
         ["debris", "angular momentum", f"{float(np.linalg.norm(inertia @ rates)):.4g} N m s"],
         ["debris", "rotational energy", f"{0.5 * float(rates @ inertia @ rates):.4g} J"],
@@ -337,7 +353,8 @@ def _show_problem(plan: Plan) -> Section:
         ["allowed", "pressure", f"{low} to {high} MPa"],
         ["allowed", "distance from edges", f"from {1e3 * float(limits.edge):.3g} mm"],
         ["allowed", "first touch", f"{float(limits.window[0]):.4g} to {float(limits.window[1]):.4g} s after {since}"],
-        ["allowed", "side", f"outward normal within {np.degrees(float(limits.cone)):.3g}° of the chaser"],
+        ["allowed", "side", f"outward normal within {np.degrees(float(limits.cone)):.3g}° of the chaser, which is towards "
+                            f"({_join(np.asarray(limits.chaser))}), inertial"],
         ["wanted", "to be small", " + ".join(wanted)],
         ["wanted", "momentum left", f"{100 * plan.settings.share:g} %, in at most {plan.settings.impacts} "
                                     f"impact{'s' * (plan.settings.impacts != 1)}"],
