@@ -403,8 +403,8 @@ def test_a_goal_that_fails_is_no_bug_of_the_toolkit(tmp_path, body, words):
 
 def test_angles_and_fractions_take_texts_with_units(tmp_path):
     """As every other key does: docs/scenario.md says so."""
-    text = ('schema = "ddetumble.plan/1"\n[debris]\nangular_velocity = [0.1, 0.0, 0.0]\n[arm]\ncone_degrees = "0.5 rad"\n'
-            '[errors]\ndirection_degrees = "2 deg"\nattitude_degrees = "0.1 rad"\nrates = "3 %"\nspeed = "2 %"\n'
+    text = ('schema = "ddetumble.plan/1"\n[debris]\nangular_velocity = [0.1, 0.0, 0.0]\n'
+            '[arm]\ncone_degrees = "0.5 rad"\n[errors]\ndirection_degrees = "2 deg"\nattitude_degrees = "0.1 rad"\nrates = "3 %"\nspeed = "2 %"\n'
             'inertia = "5 %"\n')
     (tmp_path / "scenario.toml").write_text(text)
     scenario = read_scenario(tmp_path / "scenario.toml")
@@ -418,8 +418,9 @@ def test_prices_name_the_limit_that_holds():
     """Where a plan stays within what was measured, a looser limit of the scenario would gain nothing."""
     given = Limits(pressure=np.array([1e6, 2.5e6]), force=500.0, approach=0.05)
     narrowed = dc.replace(given, pressure=np.array([1e6, 2.43e6]), force=80.0)
-    prices = (Price("limits.pressure", "the highest 1 % more", 0.1, "goal"), Price("limits.force", "1 % more", 0.2, "goal"),
-              Price("limits.pressure", "the lowest 1 % less", 0.3, "goal"), Price("limits.approach", "1 % less", 0.4, "goal"))
+    prices = tuple(Price(key, change, 0.1, "goal") for key, change in (
+        ("limits.pressure", "the highest 1 % more"), ("limits.force", "1 % more"),
+        ("limits.pressure", "the lowest 1 % less"), ("limits.approach", "1 % less")))
     assert [one.key for one in name_narrowed(prices, given, narrowed)] == [
         "limits.within", "limits.within", "limits.pressure", "limits.approach"]
     assert name_narrowed(prices, given, given) == prices

@@ -316,7 +316,8 @@ def _describe_shape(surface: AbstractSurface) -> str:
     if isinstance(surface, Polytope):
         normals, offsets = np.asarray(surface.normals), np.asarray(surface.offsets)
         corners = HalfspaceIntersection(np.column_stack([normals, -offsets]), np.zeros(3)).intersections
-        return f"{len(normals)} faces, {' × '.join(f'{one:.4g}' for one in np.ptp(corners, axis=0))} m along body x, y, z"
+        sizes = " × ".join(f"{one:.4g}" for one in np.ptp(corners, axis=0))
+        return f"{len(normals)} faces, {sizes} m along body x, y, z"
     return f"sphere of radius {float(surface.reach()):.4g} m"
 
 
@@ -339,7 +340,8 @@ def _show_problem(plan: Plan) -> Section:
         ["debris", "shape", _describe_shape(debris.surface)],
         ["debris", "mass", f"{float(debris.mass):.4g} kg"],
         ["debris", "principal moments of inertia", f"{', '.join(f'{one:.4g}' for one in moments)} kg m²"],
-        *([["debris", "centre of mass, from that of uniform density", f"({_join(np.asarray(debris.surface.centre))}) m"]]
+        *([["debris", "centre of mass, from that of uniform density",
+            f"({_join(np.asarray(debris.surface.centre))}) m"]]
           if isinstance(debris.surface, OffsetSurface) else []),
         ["debris", "angular velocity, body", f"({_join(rates)}) rad/s, {_show(np.degrees(turn), 2)} °/s in all"],
         ["debris", "angular momentum", f"{float(np.linalg.norm(inertia @ rates)):.4g} N m s"],
@@ -353,8 +355,8 @@ def _show_problem(plan: Plan) -> Section:
         ["allowed", "pressure", f"{low} to {high} MPa"],
         ["allowed", "distance from edges", f"from {1e3 * float(limits.edge):.3g} mm"],
         ["allowed", "first touch", f"{float(limits.window[0]):.4g} to {float(limits.window[1]):.4g} s after {since}"],
-        ["allowed", "side", f"outward normal within {np.degrees(float(limits.cone)):.3g}° of the chaser, which is towards "
-                            f"({_join(np.asarray(limits.chaser))}), inertial"],
+        ["allowed", "side", f"outward normal within {np.degrees(float(limits.cone)):.3g}° of the chaser, which is "
+                            f"towards ({_join(np.asarray(limits.chaser))}), inertial"],
         ["wanted", "to be small", " + ".join(wanted)],
         ["wanted", "momentum left", f"{100 * plan.settings.share:g} %, in at most {plan.settings.impacts} "
                                     f"impact{'s' * (plan.settings.impacts != 1)}"],
