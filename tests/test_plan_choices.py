@@ -404,8 +404,8 @@ def test_a_goal_that_fails_is_no_bug_of_the_toolkit(tmp_path, body, words):
 def test_angles_and_fractions_take_texts_with_units(tmp_path):
     """As every other key does: docs/scenario.md says so."""
     text = ('schema = "ddetumble.plan/1"\n[debris]\nangular_velocity = [0.1, 0.0, 0.0]\n'
-            '[arm]\ncone_degrees = "0.5 rad"\n[errors]\ndirection_degrees = "2 deg"\nattitude_degrees = "0.1 rad"\nrates = "3 %"\nspeed = "2 %"\n'
-            'inertia = "5 %"\n')
+            '[arm]\ncone_degrees = "0.5 rad"\n[errors]\ndirection_degrees = "2 deg"\nattitude_degrees = "0.1 rad"\n'
+            'rates = "3 %"\nspeed = "2 %"\ninertia = "5 %"\n')
     (tmp_path / "scenario.toml").write_text(text)
     scenario = read_scenario(tmp_path / "scenario.toml")
     assert scenario.arm.cone_degrees == pytest.approx(np.degrees(0.5))
