@@ -178,7 +178,9 @@ def _fit(campaign: Campaign, wanted: Specification, resolved: ResolvedModel, set
     if problem is not whole:
         problem = whole
         best = solve_bounded(problem, names, best.solution.u, best.solution.z, limits, 1e-2)
-    assumed = assume_typical(problem, best.solution, assembly.start)
+    # Of values as `compare` and `discover` ask: from the start alone, whatever others lead to.
+    asked = solve_progressively(problem, names, origin) if problem.records.are_values else best.solution
+    assumed = assume_typical(problem, best.solution if asked.failed else asked, assembly.start)
     if assumed:
         priors, settings = priors | assumed, {**settings, "assumed": list(assumed)}
         problem = pose(noise)

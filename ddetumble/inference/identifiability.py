@@ -37,6 +37,9 @@ LEAST_PRESSURE = 2e5  # Pa, absolute: with less than the atmosphere over that ou
 SINGULAR = 1e-7  # of the largest singular value of columns of unit length, below which one is rounding
 DISAGREES = 3.0  # deviations of a prior, beyond which values are said to disagree with it: by chance one in 370
 DEPRESSION_SD = 2e-5  # m, of a displacement gauge; `design` assumes the same
+# Typical changes that the prior of a parameter of series is wide, and which it has to have gone to have one: Eq. 10's
+# slopes were at 25 to 43 1/mm instead of a tenth to a half.
+WIDE = 20.0
 FAR = 10.0  # standard deviations away, where the misfit of a parameter that is known has risen by a hundred
 FLAT = 0.25  # of that rise: where it stays below on either side, the standard deviation is that of a dent in the noise
 NUDGE = 0.02  # in scales of coordinates and deviations of nuisances, of the differences that give a depression's slopes
@@ -160,29 +163,35 @@ def analyse_with_refits(problem: Problem, solution: Solution) -> Knowledge:
 
 
 def assume_typical(problem: Problem, solution: Solution, start: np.ndarray) -> dict[str, tuple[float, float]]:
-    """Priors of the reference model's parameters that values do not determine, Gaussian in their coordinates.
+    """Priors of the reference model's parameters that records do not determine, Gaussian in their coordinates.
 
-    Peak forces hardly feel the restitution, nor rebound speeds the mass. Fitted without a prior such a parameter goes
-    to where nothing depends on it, and those that depend on it are then as wrong as they look certain. The prior stands
-    where the model has the parameter (`start`, coordinates of all), and is as wide as what is typical of it.
+    Peak forces hardly feel the restitution, nor rebound speeds the mass, nor friction at three loads how Eq. 10's
+    coefficients bend over the load. Fitted without a prior such a parameter goes to where nothing depends on it, and
+    those that depend on it are then as wrong as they look certain. The prior stands where the model has the parameter
+    (`start`, coordinates of all), and is as wide as what is typical of it; where records are series, which show the
+    course of a contact, it is far wider, and only for what went farther than that.
 
     Returns:
-        Mean and standard deviation by name; none where records are series, which show the course of the contact.
+        Mean and standard deviation by name.
     """
-    if not (problem.records.are_values and solution.names):
+    if not solution.names:
         return {}
+    values = problem.records.are_values
     space, found = problem.space, {}
     vast = np.array([limit_knowledge(space, name) for name in solution.names])
     columns, own = solution.flattened()[0], [space.slots[space.index[name]].owner is None for name in solution.names]
     norms = np.linalg.norm(columns, axis=0)
+    places = [space.index[name] for name in solution.names]
+    width = (1.0 if values else WIDE) * problem.scales[places]
+    astray = np.abs(solution.u[places] - start[places]) > width
     while True:  # one after the other, what the values feel least first: given one, they may determine the others
         unknown = analyse_jacobian(solution.names, columns, solution.scales, vast).undetermined
-        open_ = [k for k, name in enumerate(solution.names) if name in unknown and own[k] and name not in found]
+        open_ = [k for k, name in enumerate(solution.names) if name in unknown and own[k] and name not in found
+                 and (values or astray[k])]
         if not open_:
             return found
         k = min(open_, key=lambda k: norms[k])
-        place = space.index[solution.names[k]]
-        found[solution.names[k]] = float(start[place]), float(problem.scales[place])
+        found[solution.names[k]] = float(start[places[k]]), float(width[k])
         columns = np.concatenate([columns, np.eye(len(norms))[k: k + 1]])
 
 
@@ -239,11 +248,11 @@ def describe_assumed(space: ParameterSpace, priors: Mapping[str, tuple[float, fl
     for name, (mean, sd) in priors.items():
         transform = space.parameter(name).transform
         low, high = transform.interval(mean - sd, mean + sd)
-        found.append(f"The values do not determine {name}: a prior around {transform.from_unconstrained(mean):.3g} "
+        found.append(f"The records do not determine {name}: a prior around {transform.from_unconstrained(mean):.3g} "
                      f"({low:.2g} to {high:.2g} within one standard deviation) takes the place of a measurement.")
         if apart.get(name, 0.0) > DISAGREES:  # one that stopped at a bound is not among the free ones
             estimate = transform.from_unconstrained(float(solution.u[space.index[name]]))
-            found.append(f"The values disagree with that prior: they pull {name} to {estimate:.3g}, and by themselves "
+            found.append(f"The records disagree with that prior: they pull {name} to {estimate:.3g}, and by themselves "
                          f"are {apart[name]:.2g} standard deviations away from it. Either the model does not hold "
                          "here, or this parameter is not what is typical; measure it by another test, and fix it at "
                          "the result.")

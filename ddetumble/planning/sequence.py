@@ -38,7 +38,8 @@ TOTALS = ("impulse", "time", "share")  # what `follow_impacts` returns before th
 IMPULSE, DURATION, SHARE = range(3)
 STEPS = 80  # of a descent of all impacts together, at most: more than single impacts take, as there are more variables
 SLACK = 1e-3  # of the wanted share, by which it may be missed: the optimiser's tolerance, not the user's
-# Of the window, to which further sequences are planned that are to be quick: long waits are what costs time.
+# Of the window, within which further sequences are planned where they can be: long waits are what costs time, and an
+# impact that is the best by itself may wait until the body turns no face to the arm any more, for a second one.
 WINDOWS = (0.3, 0.1)
 
 # Impacts that are changed together, or searched for again, at most where they miss the share: more take minutes.
@@ -194,10 +195,11 @@ def find_lever(problem: StrikeProblem) -> float:
 
 
 def plan_sequence(problem: StrikeProblem, share: float, most: int, *, starts: int = STARTS, seed: int = 0,
-                  revise: Revise | None = None, progress: Progress | None = None) -> Sequence:
+                  part: float = 1.0, revise: Revise | None = None, progress: Progress | None = None) -> Sequence:
     """Plan impacts one after the other, each the best from what the one before left, its wait chosen too (within
     `limits.window`), until a share of the angular momentum or less is left, or there are the most that may be.
 
+    With a `part` below one every impact waits no longer than that part of the window where that is worth its while.
     `revise` changes each plan, for what is uncertain; the motion goes on as the best estimate has it. `starts` and
     `seed` are as of `plan_strike`.
 
@@ -209,8 +211,10 @@ def plan_sequence(problem: StrikeProblem, share: float, most: int, *, starts: in
     refused = None
     while left > share and len(impacts) < most:
         tell(f"planning impact {len(impacts) + 1}: {100 * left:.2f} % of the angular momentum left", math.nan)
+        near = [one.place for one in impacts[-1:]]
+        plan = None if part == 1.0 else _hurry(now, part, starts, seed + len(impacts), near)
         try:
-            plan = plan_strike(now, starts=starts, seed=seed + len(impacts), near=[one.place for one in impacts[-1:]])
+            plan = plan or plan_strike(now, starts=starts, seed=seed + len(impacts), near=near)
         except ComputationError:
             if not impacts:
                 raise
@@ -229,6 +233,18 @@ def plan_sequence(problem: StrikeProblem, share: float, most: int, *, starts: in
         relaxations = find_relaxations(problem, refused, seed=seed)
     return dc.replace(add_up(problem, impacts, share), bound=bound_impacts(problem, share), floor=find_floor(problem),
                       refused=refused, relaxations=relaxations)
+
+
+def _hurry(problem: StrikeProblem, part: float, starts: int, seed: int, near: list) -> StrikePlan | None:
+    """The best impact within the first part of the window, in the variables of the whole one; None where there is none
+    that is worth its while."""
+    low, high = np.asarray(problem.limits.window)
+    hasty = eqx.tree_at(lambda p: p.limits.window, problem, jnp.asarray([low, low + part * (high - low)]))
+    try:
+        plan = plan_strike(hasty, starts=starts, seed=seed, near=near)
+    except ComputationError:
+        return None
+    return dc.replace(plan, x=np.append(plan.x[:-1], part * (plan.x[-1] + 1.0) - 1.0)) if plan.worth else None
 
 
 @keep_program(0.0)
@@ -394,15 +410,29 @@ def plan_together(problem: StrikeProblem, share: float, most: int, *, aim: Aim =
         assert again.joint is not None
         return again if again.joint.taken and alone.left - again.left > SLACK * alone.left else alone
 
+    def hurry(seed: int, part: float) -> Sequence | None:
+        """With short waits, then changed together within the whole window; None where that leads nowhere."""
+        alone = plan_sequence(problem, share, most, starts=starts, seed=seed, part=part, progress=progress)
+        if not 0 < len(alone.impacts) <= TOGETHER:
+            return None
+        again = change(alone, "share", "share", alone)
+        assert again.joint is not None
+        return again if again.joint.taken else None
+
     best = search(seed)
-    again_from = [seed + TURN * turn for turn in range(1, 1 + (FURTHER if most > 1 else FURTHER_ALONE))]
-    for other in again_from if revise is None and 0 < len(best.impacts) <= TOGETHER else []:
-        if best.reached:
-            break
-        tell("searching from other starts", math.nan)
-        again = search(other)
-        best = again if again.reached or again.left < best.left else best
-    if revise is not None or not best.reached or best.joint is not None:
+    if revise is None and not best.reached and 0 < len(best.impacts) <= TOGETHER:
+        tell("searching with shorter waits", math.nan)
+        hurried = [hurry(seed + TURN * turn, part)
+                   for turn, part in enumerate(WINDOWS if most > 1 else (), FURTHER + 1)]
+        best = min([best, *filter(None, hurried)], key=lambda one: (len(one.impacts), 0.0) if one.reached else
+                   (math.inf, one.left))
+        for turn in range(1, 1 + (FURTHER if most > 1 else FURTHER_ALONE)):
+            if best.reached:
+                break
+            tell("searching from other starts", math.nan)
+            again = search(seed + TURN * turn)
+            best = again if again.reached or again.left < best.left else best
+    if revise is not None or not best.reached:
         return best
 
     found = best
@@ -413,22 +443,16 @@ def plan_together(problem: StrikeProblem, share: float, most: int, *, aim: Aim =
                                       shares=best.shares[:-1]), "share", aim, found)
             if not again.reached:
                 assert again.joint is not None
-                return dc.replace(found, joint=dc.replace(again.joint, taken=False)) if best is found else best
+                alone = best is found and found.joint is None
+                return dc.replace(found, joint=dc.replace(again.joint, taken=False)) if alone else best
             best = again
         return best
 
     begun = [found]
-    low, high = np.asarray(problem.limits.window)
     for part in WINDOWS if aim == "time" else ():
-        late = low + part * (high - low)
-        tell(f"trying waits of at most {late:.0f} s", math.nan)
-        hasty = eqx.tree_at(lambda p: p.limits.window, problem, jnp.asarray([low, late]))
-        other = plan_sequence(hasty, share, most, starts=starts, seed=seed, progress=progress)
-        if other.reached:
-            # In the variables of the whole window.
-            widened = [dc.replace(plan, x=np.append(plan.x[:-1], part * (plan.x[-1] + 1.0) - 1.0))
-                       for plan in other.impacts]
-            begun.append(dc.replace(other, impacts=tuple(widened)))
+        tell(f"trying short waits, {100 * part:.0f} % of the window", math.nan)
+        other = plan_sequence(problem, share, most, starts=starts, seed=seed, part=part, progress=progress)
+        begun += [other] if other.reached else []
     for one in begun:
         again = change(one, aim, aim, found)
         better = again.impulse < best.impulse if aim == "impulse" else again.duration < best.duration

@@ -12,7 +12,7 @@ from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect, AbstractModel, is_scored, parameters_of
 from ..families import Family, find_family, name_family
 from ..inference.assembly import assemble_space, default_starts, guess_start
-from ..inference.identifiability import assume_typical, describe_assumed
+from ..inference.identifiability import assume_typical, describe_assumed, measure_values
 from ..inference.noise import Noise
 from ..inference.noise_estimation import differs_from_stated, has_more_hum, measure_noise
 from ..inference.parameters import ParameterSpace
@@ -244,7 +244,11 @@ class SelectionProblem:
         return PredictionError(split_error(problem.records, found.channels, found.used), found.coverage)
 
     def reduce_chi2(self, solution: Solution) -> float:
-        """Chi-square of a fit per degree of freedom, counted as by `fit`: a prior is one more value."""
+        """Chi-square of a fit per degree of freedom, counted as by `fit`: a prior is one more value; of values, without
+        what priors add and determine."""
+        if self.records.are_values:
+            total, degrees = measure_values(self.problem, solution)
+            return total / max(degrees, 1.0)
         names = solution.names
         degrees = self.samples + sum(name in names for name in self.problem.priors) - len(names)
         return float(solution.chi2) / max(degrees, 1.0)
