@@ -743,6 +743,38 @@ def test_one_impact_less():
 
 
 @pytest.mark.study
+def test_a_long_window_takes_no_more_impacts_than_a_short_one(tmp_path):
+    """A box with two faces to strike on the side of the chaser: the best first blow waits until neither shows again."""
+    scenario = """
+        schema = "ddetumble.plan/1"
+        [debris]
+        shape = "box"
+        mass = 12.0
+        lengths = [0.2, 0.2, 0.34]
+        inertia = [[0.16, 0.01, 0.0], [0.01, 0.15, 0.005], [0.0, 0.005, 0.085]]
+        centre = [0.01, 0.0, -0.02]
+        angular_velocity = ["5 deg/s", "-3 deg/s", "8 deg/s"]
+        [arm]
+        mass = 0.3
+        speed = 0.2
+        chaser = [1, 1, 0]
+        cone_degrees = 80
+        [limits]
+        force = 15.0
+        faces = ["+x", "+y"]
+        window = [0, LATEST]
+        """
+    found = {}
+    for latest in (6.0, 30.0):
+        path = tmp_path / f"{latest:.0f}.toml"
+        path.write_text(scenario.replace("LATEST", str(latest)).replace("        ", ""))
+        found[latest] = plan_together(pose_problem(read_scenario(path), tmp_path), 0.05, 3)
+    short, long = found[6.0], found[30.0]
+    assert short.reached and long.reached and len(long.impacts) <= len(short.impacts)
+    assert all(min(plan.values.values()) > -1e-5 for plan in long.impacts)
+
+
+@pytest.mark.study
 def test_the_papers_stage_is_brought_below_one_per_cent(tmp_path):
     """From 72.8 N m s, through the command, in no fewer impacts than the bound; momentum followed from impact to impact
     by the impulses alone.
