@@ -1,10 +1,11 @@
 """The page of a fit: parameters, model against measurement, where the residuals sit, how far settings were moved."""
 
 import dataclasses as dc
+import math
 from pathlib import Path
 
 from ..inference.findings import Fit
-from ..measurement.quantities import clean, describe_quantity, format_number
+from ..measurement.quantities import clean, describe_quantity, format_number, format_value
 from ..selection.lack_of_fit import measure_shifts
 from ..selection.series import make_traces
 from .findings import show_failures, show_fits, show_parameters, show_shifts
@@ -23,8 +24,8 @@ def report_fit(fit: Fit, folder) -> Path:
     shifts = measure_shifts(fit.problem.records, fit.solution, campaign=fit.source)
     sections = [
         show_parameters({"this fit": fit}, [
-            clean(text, 400) for text in (*fit.cannot_tell_apart, *fit.notes, *fit.tell_intervals())]),
-        show_fits(traces)]
+            clean(text, 800) for text in (*fit.cannot_tell_apart, *fit.notes, *fit.tell_intervals())]),
+        *([_show_derived(fit)] if fit.derived else []), show_fits(traces)]
     if not fit.problem.records.are_values:
         sections.append(show_failures(traces, {c: dc.asdict(one.without_sizes()) for c, one in fit.noise.items()}))
     if shifts:
@@ -43,6 +44,14 @@ def report_fit(fit: Fit, folder) -> Path:
                       badge="" if fit.converged else "not converged", status=status, facts=facts)
 
 
+def _show_derived(fit: Fit) -> Section:
+    """What the model tells beside its parameters (the polynomials of Eq. 10, say), as a part of the page."""
+    rows = [(clean(name), *((format_value(one.estimate, one.sd), format_number(one.sd, 2)) if math.isfinite(one.sd) else
+                            (format_number(one.estimate), "not determined")), clean(one.unit) or "–")
+            for name, one in fit.derived.items()]
+    return Section("What follows from them", tables=[Table(("quantity", "estimate", "sd", "unit"), rows)])
+
+
 def _show_systematics(fit: Fit) -> Section:
     """What a gauge that is off in all records would do to the estimates, as a part of the page."""
     rows = []
@@ -52,7 +61,7 @@ def _show_systematics(fit: Fit) -> Section:
                  f"{f' {unit}' if (unit := clean(fit.parameters[name].unit)) not in ('', '1') else ''})"
                  for name in names if abs(one.deviations[name]) >= FAINT]
         rows.append((f"{describe_quantity(one.name).name} {100 * one.share:.2g} % too high", "; ".join(moved) or "–",
-                     f"{one.seen:.2g} sd"))
+                     f"{one.seen:.2f} sd"))
     text = ("No repetition shows that a gauge reads high throughout. What an error of one per cent would do to the "
             "estimates, to first order, and by how much the records themselves would show it: below three standard "
             "deviations they do not. Intervals allow for what the campaign states as `common_uncertainty`.")
