@@ -405,8 +405,8 @@ def _show_alternatives(plan: Plan) -> Section:
         ["direction of the blow", "momentum left [%]", "limits violated", "speed within limits [m/s]",
          "momentum left within limits [%]"], shown,
         "The first impact beside simple rules at the same place, instant and pressure: with the planned arm speed, and "
-        "with the best that the limits allow (–: along this direction no speed keeps them all). Against the velocity of "
-        "the struck point is the paper's rule."))
+        "with the best that the limits allow (–: along this direction no speed keeps them all). Against the velocity "
+        "of the struck point is the paper's rule."))
     told = tell("plan.costs", limits=_number_impacts(plan.reached), within=REACHED, priced=bool(rows or together),
                 ended=plan.optimality[-1] == "nothing left", rough="not an optimum" in plan.optimality,
                 count=len(plan.impacts))
