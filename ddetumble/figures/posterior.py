@@ -314,7 +314,9 @@ def _draw_values(place, own: Replicates, names: Sequence[str], *ranges: tuple[fl
     strengths = np.linspace(0.7, 0.35, len(ranges)) if len(ranges) > 1 else (0.5,)
     panels = place.subplots(len(own.channels), 1, squeeze=False).ravel()
     for c, (axes, channel) in enumerate(zip(panels, own.channels, strict=True)):
-        measured, values = np.nanmax(own.measured[:, c], axis=1), np.nanmax(own.values[:, :, c], axis=2)
+        place_of = np.isfinite(own.measured[:, c]).argmax(axis=1)[:, None]  # a record may lack one of the values
+        measured = np.take_along_axis(own.measured[:, c], place_of, axis=1)[:, 0]
+        values = np.take_along_axis(own.values[:, :, c], place_of[None], axis=2)[..., 0]
         shown, middle = describe_quantity(channel, unit=""), values.mean(axis=0) * less
         dress(axes).set_xlim(-0.7, len(names) - 0.3)
         for (low, high), strength in reversed(list(zip(ranges, strengths, strict=True))):
