@@ -233,7 +233,8 @@ class Fit(AbstractFitted, AbstractPrinted):
             for name, p in self.parameters.items()})
 
     def tell_intervals(self) -> tuple[str, ...]:
-        """What is to be said of the 95 % intervals, in sentences: where they were refitted, or ought to be."""
+        """What is to be said of the 95 % intervals, in sentences: where they were refitted, or ought to be, and
+        which errors that all records share they do not allow for."""
         told = []
         if self.profiles:
             ends = [f"{name} {format_number(p.q025, 5)} to {format_number(p.q975, 5)} {p.unit}".rstrip()

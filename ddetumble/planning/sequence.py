@@ -235,9 +235,10 @@ def plan_sequence(problem: StrikeProblem, share: float, most: int, *, starts: in
                       refused=refused, relaxations=relaxations)
 
 
-def _hurry(problem: StrikeProblem, part: float, starts: int, seed: int, near: list) -> StrikePlan | None:
+def _hurry(problem: StrikeProblem, part: float, starts: int, seed: int, near: list[tuple[int, np.ndarray]]
+           ) -> StrikePlan | None:
     """The best impact within the first part of the window, in the variables of the whole one; None where there is none
-    that is worth its while."""
+    that is worth its while. The other arguments are those of `plan_strike`."""
     low, high = np.asarray(problem.limits.window)
     hasty = eqx.tree_at(lambda p: p.limits.window, problem, jnp.asarray([low, low + part * (high - low)]))
     try:
@@ -421,11 +422,11 @@ def plan_together(problem: StrikeProblem, share: float, most: int, *, aim: Aim =
 
     best = search(seed)
     if revise is None and not best.reached and 0 < len(best.impacts) <= TOGETHER:
-        tell("searching with shorter waits", math.nan)
-        hurried = [hurry(seed + TURN * turn, part)
-                   for turn, part in enumerate(WINDOWS if most > 1 else (), FURTHER + 1)]
-        best = min([best, *filter(None, hurried)], key=lambda one: (len(one.impacts), 0.0) if one.reached else
-                   (math.inf, one.left))
+        if most > 1:
+            tell("searching with shorter waits", math.nan)
+            hurried = [hurry(seed + TURN * turn, part) for turn, part in enumerate(WINDOWS, FURTHER + 1)]
+            best = min([best, *filter(None, hurried)], key=lambda one: (len(one.impacts), 0.0) if one.reached else
+                       (math.inf, one.left))
         for turn in range(1, 1 + (FURTHER if most > 1 else FURTHER_ALONE)):
             if best.reached:
                 break

@@ -14,6 +14,7 @@ from .page import Section, Table, write_page
 
 MOST, FAINT = 3, 0.1  # parameters that a shared error is said to move, and standard deviations below which it is not
 
+
 def report_fit(fit: Fit, folder) -> Path:
     """Write the page of a fit, and its figures; returns its path.
 
