@@ -237,6 +237,7 @@ def draw_prior_predictive(replicates: Replicates, family: str = DEFAULT_FAMILY, 
         figure = new_figure(0.6 + 1.75 * len(replicates.channels))
         places = [str(k + 1) for k in range(len(replicates.time))]
         head_figure(figure, _draw_values(figure, replicates, places, (0.25, 0.75), (0.025, 0.975)), words)
+        figure.axes[-1].set_xlabel("record, in the order of the campaign")
         return figure
     chosen = np.unique(np.linspace(0, len(replicates.time) - 1, min(count, len(replicates.time))).astype(int))
     figure = new_figure(0.6 + 1.75 * -(-len(chosen) // 2))
@@ -319,6 +320,7 @@ def _draw_values(place, own: Replicates, names: Sequence[str], *ranges: tuple[fl
         values = np.take_along_axis(own.values[:, :, c], place_of[None], axis=2)[..., 0]
         shown, middle = describe_quantity(channel, unit=""), values.mean(axis=0) * less
         dress(axes).set_xlim(-0.7, len(names) - 0.3)
+        axes.use_sticky_edges = False  # else the lowest bar would stand on the axis, and seem to go on below
         for (low, high), strength in reversed(list(zip(ranges, strengths, strict=True))):
             ends = (np.quantile(values, [low, high], axis=0) - middle) * shown.scale
             axes.bar(np.arange(len(names)), ends[1] - ends[0], 0.6, ends[0], color=KIN, alpha=strength, lw=0)
