@@ -775,6 +775,38 @@ def test_a_long_window_takes_no_more_impacts_than_a_short_one(tmp_path):
 
 
 @pytest.mark.study
+def test_a_fast_body_is_struck_as_well_in_a_long_window_as_in_one_of_two_turns(tmp_path):
+    """Each of many turns has optima of its own, of which the best is narrow: no plan may lose it among the others."""
+    content = """
+        schema = "ddetumble.plan/1"
+        [debris]
+        shape = "box"
+        mass = 80.0
+        lengths = [0.8, 0.8, 2.0]
+        angular_velocity = [0.0, 2.3, 0.5]
+        [ball]
+        restitution = 0.6
+        friction = 0.2
+        [arm]
+        mass = 3.0
+        speed = 2.0
+        chaser = [0.3, -0.5, 0.8]
+        cone_degrees = 150
+        [limits]
+        force = 60.0
+        depression = 0.01
+        edge = 0.016
+        window = [0, LATEST]
+        """
+    left = {}
+    for latest in (5.4, 60.0):
+        path = tmp_path / f"{latest:.0f}.toml"
+        path.write_text(content.replace("LATEST", str(latest)).replace("        ", ""))
+        left[latest] = plan_together(pose_problem(read_scenario(path), tmp_path), 0.05, 2).left
+    assert left[60.0] <= left[5.4] + 1e-3
+
+
+@pytest.mark.study
 def test_the_papers_stage_is_brought_below_one_per_cent(tmp_path):
     """From 72.8 N m s, through the command, in no fewer impacts than the bound; momentum followed from impact to impact
     by the impulses alone.
