@@ -400,8 +400,8 @@ def plan_together(problem: StrikeProblem, share: float, most: int, *, aim: Aim =
     The aim `impacts` tries to do with one impact less, again and again; `impulse` brings the sum of all impulses down;
     `time` the instant of the last separation, from sequences with long and with short waits. Where the share is not
     reached in `most` impacts, that many are changed together for the least momentum left, whether or not that reaches
-    it, and the search is repeated from other starts. Where nothing better is found, the sequence is that of
-    `plan_sequence`.
+    it, and the search is repeated with short waits and from other starts. Where nothing better is found, the
+    sequence is that of `plan_sequence`.
     """
     tell = progress or (lambda text, done: None)
 
