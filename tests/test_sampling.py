@@ -4,6 +4,7 @@ import dataclasses as dc
 import json
 
 import emcee
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -21,7 +22,7 @@ from ddetumble.inference.problem import simulate_records
 from ddetumble.measurement.package import read_campaign
 from ddetumble.posterior import pose_curve, pose_fit
 from ddetumble.posterior.chain import Settings, run_chains
-from ddetumble.posterior.diagnostics import compare_ensembles, judge_chains, measure_times
+from ddetumble.posterior.diagnostics import compare_ensembles, judge_chains, measure_sizes
 from ddetumble.posterior.ensemble import Ensembles, mix_moves
 from ddetumble.posterior.proposal import Mixture
 
@@ -112,6 +113,47 @@ def test_sampled_integral_agrees_with_the_linear_one(target):
     plan = dc.replace(target.plan, nodes=jnp.asarray(np.concatenate([nodes, -nodes])))
     found = dc.replace(target, plan=plan).likelihoods(x)
     np.testing.assert_allclose(found.sum(axis=1), target.likelihoods(x).sum(axis=1), atol=0.05)
+
+
+@pytest.fixture(scope="module")
+def loose(target):
+    """The same with settings a hundred times as uncertain, in which the model is far from linear."""
+    stack = eqx.tree_at(lambda s: s.condition_sd, target.plan.stack, 100.0 * target.plan.stack.condition_sd)
+    return dc.replace(target, plan=eqx.tree_at(lambda p: p.stack, target.plan, stack),
+                      records=dc.replace(target.records, stack=stack))
+
+
+def test_a_linear_integral_that_is_off_at_its_own_draws_is_refined(target, loose):
+    draws = target.draw_inside(np.random.default_rng(3), 200)
+    assert not target.refine(draws).costly and not target.costly
+    found = loose.refine(draws)
+    assert found.costly and found.curved > 0.05 and "importance sampling" in found.notes[0]
+    assert found.refine(draws) is found
+
+
+def test_a_chain_that_was_stopped_goes_on_with_the_refined_density(loose, tmp_path):
+    how = dict(seed=1, walkers=10, ensembles=2, burn=20, block=10)
+    whole = run_chains(Ensembles, loose, Settings(most=30, **how))
+    assert whole.target.costly
+    run_chains(Ensembles, loose, Settings(most=10, **how), tmp_path)
+    found = run_chains(Ensembles, loose, Settings(most=30, **how), tmp_path)
+    assert found.statistics["resumed"] == 30 and found.target.costly
+    np.testing.assert_array_equal(found.x, whole.x)
+    # The last density is the refined one.
+    np.testing.assert_allclose(found.target.log_density(found.x[0, -1]), found.log_density[0, -1])
+
+
+def test_integrals_are_compared_where_the_posterior_is():
+    """The Gaussian of a fit whose valley is bent reaches where Eq. 10 diverges, and the posterior does not."""
+    made = pose_fit(fit("slip-c", "eq10"))
+    assert not made.costly
+    x = made.draw_inside(np.random.default_rng(1), 60)
+    nodes = stats.norm.ppf(stats.qmc.Sobol(made.plan.own.shape[1], rng=np.random.default_rng(0)).random(32))
+    plan = dc.replace(made.plan, nodes=jnp.asarray(np.concatenate([nodes, -nodes])))
+    linear, sampled = made.log_density(x), dc.replace(made, plan=plan).log_density(x)
+    within = linear > made.log_density(made.centre[None]) - 10.0
+    assert 4 < within.sum() < 50
+    np.testing.assert_allclose(sampled[within], linear[within], atol=0.1)
 
 
 def test_the_density_near_the_fit_is_the_fits_gaussian(target, fitted):
@@ -279,23 +321,41 @@ def test_truth_lies_in_the_posterior(posterior):
 def test_autocorrelation_time_of_a_known_process():
     """AR(1) with coefficient 0.8 has tau = (1 + 0.8)/(1 - 0.8) = 9."""
     rng = np.random.default_rng(5)
-    x = np.zeros((20_000, 8, 1))
-    for t in range(1, len(x)):
-        x[t] = 0.8 * x[t - 1] + rng.standard_normal((8, 1))
-    assert measure_times(x)[0] == pytest.approx(9.0, rel=0.15)
+    x = np.zeros((2, 10_000, 8, 1))
+    for t in range(1, x.shape[1]):
+        x[:, t] = 0.8 * x[:, t - 1] + rng.standard_normal((2, 8, 1))
+    (size,), (length,) = measure_sizes(x)
+    assert size == pytest.approx(160_000 / 9.0, rel=0.15) and length == pytest.approx(20_000 / 9.0, rel=0.15)
+    assert judge_chains(x, 100).times[0] == pytest.approx(9.0, rel=0.15)
 
 
 def test_walkers_that_move_together_are_one():
     """A slow motion that all walkers share, and one of their common spread: more walkers are no more draws."""
     rng = np.random.default_rng(5)
-    slow = np.zeros((20_000, 1, 1))
-    for t in range(1, len(slow)):
-        slow[t] = 0.9 * slow[t - 1] + rng.standard_normal((1, 1))
-    together = slow + 1e-3 * rng.standard_normal((len(slow), 16, 1))
-    assert measure_times(together)[0] == pytest.approx(16 * 19.0, rel=0.25)
-    widening = np.exp(0.3 * slow) * rng.standard_normal((len(slow), 16, 1))
-    apart = rng.standard_normal((len(slow), 16, 1))
-    assert measure_times(widening)[0] > 20 * measure_times(apart)[0]
+    slow = np.zeros((1, 20_000, 1, 1))
+    for t in range(1, slow.shape[1]):
+        slow[:, t] = 0.9 * slow[:, t - 1] + rng.standard_normal((1, 1))
+    together = slow + 1e-3 * rng.standard_normal((1, 20_000, 16, 1))
+    assert measure_sizes(together)[0][0] == pytest.approx(20_000 / 19.0, rel=0.25)
+    widening = np.exp(0.3 * slow) * rng.standard_normal((1, 20_000, 16, 1))
+    apart = rng.standard_normal((1, 20_000, 16, 1))
+    assert 20 * measure_sizes(widening)[0] < measure_sizes(apart)[0]
+
+
+def test_ensembles_that_stay_apart_are_few_draws():
+    """Where every ensemble stays at a place of its own, all of their steps are worth hardly more than one draw each."""
+    rng = np.random.default_rng(7)
+    x = rng.standard_normal((4, 500, 16, 1)) + np.array([-1.0, 0.0, 1.0, 2.0])[:, None, None, None]
+    sizes, lengths = measure_sizes(x)
+    assert lengths < 20
+    assert measure_sizes(x[:1])[1] > 200
+    told = judge_chains(x, 100)
+    assert not told.enough and "autocorrelation" in told.lacking
+
+
+def test_a_chain_that_does_not_move_is_no_draw():
+    sizes, _ = measure_sizes(np.ones((2, 100, 8, 1)))
+    assert sizes == 0.0 and not judge_chains(np.ones((2, 100, 8, 1)), 1).enough
 
 
 def test_ensembles_that_differ_are_seen():

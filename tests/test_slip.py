@@ -173,7 +173,7 @@ def test_outside_the_catalogue(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["slip-a", "slip-b", "slip-c", "slip-d"])
+@pytest.mark.parametrize("name", ["slip-a", "slip-b", "slip-c", "slip-d", "slip-e"])
 def test_shipped_campaigns(name):
     """One effect, correlated noise, nothing, reversed strokes over time: each as truth.json has it."""
     found = discover(find_data() / name)

@@ -313,3 +313,15 @@ def test_equation_10_from_a_campaign():
     for name, found in fit.derived.items():
         assert not np.isfinite(found.sd) or abs(found.estimate - EQ_10[name]) < 4.0 * found.sd
     assert np.isfinite(fit.derived["a0"].sd) and fit.derived["a0"].sd < 0.01
+
+
+def test_equation_10_from_long_strokes():
+    """At twelve loads and with a fine gauge nothing takes a prior: every coefficient is determined, and holds the truth."""
+    fit = dd.fit("slip-e", "eq10")
+    assert fit.converged and 0.9 < fit.chi2_reduced < 1.1 and not fit.settings.get("assumed")
+    truth = {name: p.initial for name, p in fit.parameters.items()} | {
+        "adhesion_constant": 0.842, "loss_factor": 0.149}
+    for name, found in fit.parameters.items():
+        assert abs(found.estimate - truth[name]) < 3.5 * found.sd, name
+    for name in ("difference_0", "difference_2", "c_0"):
+        assert fit.parameters[name].sd < 0.1 * abs(truth[name])

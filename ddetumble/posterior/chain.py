@@ -72,6 +72,10 @@ class AbstractSampler(ABC):
         """Go on from the end of a block."""
 
     @abstractmethod
+    def refine(self, draws: np.ndarray) -> None:
+        """Take a better density from here on, if the one sampled is off at these draws, shape (draws, free)."""
+
+    @abstractmethod
     def adapt(self, draws: np.ndarray) -> None:
         """Adapt the proposals to the second half of the burn-in, shape (draws, free)."""
 
@@ -99,13 +103,19 @@ def run_chains(sampler: type[AbstractSampler], target: AbstractTarget, settings:
         def join(name: str) -> np.ndarray:
             return np.concatenate([block[name] for block in blocks], axis=1)
 
+        def join_early() -> np.ndarray:  # the second half of the burn-in
+            return join("x")[:, burn // 2: burn].reshape(-1, free)
+
         resumed = done = sum(block["x"].shape[1] for block in blocks)
         if blocks:
+            if done >= burn > 0:
+                runner.refine(join_early())
             runner.resume(blocks[-1])
         convergence = judge_chains(join("x")[:, burn:] if blocks else np.zeros((1, 0, 1, free)), settings.effective)
         while True:
             if done == burn and burn:
-                runner.adapt(join("x")[:, burn // 2:].reshape(-1, free))
+                runner.refine(join_early())
+                runner.adapt(join_early())
             if blocks and is_due(done, settings):
                 convergence = judge_chains(join("x")[:, burn:], settings.effective)
                 if convergence.enough or done >= burn + settings.most:

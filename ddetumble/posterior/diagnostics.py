@@ -1,22 +1,23 @@
-r"""Whether chains are long enough: autocorrelation time, effective size and R-hat of independent ensembles.
+r"""Whether chains are long enough: effective size, autocorrelation time and R-hat of independent ensembles.
 
 Walkers of one ensemble move by each other's places, so that they are no independent chains, and an ensemble can widen
 and narrow as a whole. The effective size is therefore that of the mean over the walkers $m_t$ (Goodman and Weare 2010),
-$n \operatorname{Var}(x) / (\tau_m \operatorname{Var}(m_t))$ over n steps, with the autocorrelation time $\tau_m$ of
-$m_t$, for x and for its distance from the median (which tells of the tails), the smaller one. R-hat (split,
-rank-normalised; Vehtari et al. 2021) compares the ensembles, which are independent.
+$n_m \operatorname{Var}(x) / \operatorname{Var}(m_t)$, where $n_m$ is the effective number of steps of $m_t$ in all
+ensembles together, which counts what they differ by too (Gelman et al., Bayesian Data Analysis, 3rd ed., 11.5); for x
+and for its distance from the median (which tells of the tails), the smaller one. R-hat (split, rank-normalised; Vehtari
+et al. 2021) compares the ensembles, which are independent.
 """
 
 import dataclasses as dc
 from typing import Any
 
-import emcee
 import numpy as np
 
 
 AGREE = 1.01  # R-hat below which ensembles agree (Vehtari et al. 2021)
-# Autocorrelation times that a chain has to be long, for their estimate to be trusted (emcee's documentation).
-TIMES = 50.0
+# Autocorrelation times that the ensembles have to be long, for their estimate to be trusted (emcee's documentation, of
+# one ensemble); together, as what the ensembles differ by is part of the estimate and R-hat has to agree.
+TIMES = 100.0
 FEWEST = 8  # steps, in halves of halves of which there is still a variance
 
 
@@ -25,7 +26,7 @@ class Convergence:
     """How good chains are."""
 
     steps: int  # of each ensemble
-    times: np.ndarray  # steps of one walker worth one draw, longest over the ensembles, shape (free,)
+    times: np.ndarray  # steps of one walker worth one draw, shape (free,)
     sizes: np.ndarray  # effective size of each parameter, shape (free,)
     rhats: np.ndarray  # R-hat of each parameter between the ensembles, shape (free,)
     effective: float  # worst of them
@@ -34,16 +35,28 @@ class Convergence:
     lacking: str  # what is not, in words
 
 
-def measure_times(x: np.ndarray) -> np.ndarray:
-    """Steps of a walker that are worth a draw, at least 1: of an ensemble, shape (steps, walkers, free) to (free,)."""
+def measure_sizes(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Effective number of draws, and of steps of the ensembles' means, of every parameter.
+
+    Args:
+        x: draws, shape (ensembles, steps, walkers, free).
+
+    Returns:
+        Two arrays of shape (free,); 0 where a chain does not move.
+    """
+    from arviz_stats.base.array import array_stats
+
+    ensembles, steps, walkers, _ = x.shape
     found = []
-    for one in (x, np.abs(x - np.median(x, axis=(0, 1)))):
-        means = one.mean(axis=1, keepdims=True)
+    for one in (x, np.abs(x - np.median(x, axis=(0, 1, 2)))):
+        means = one.mean(axis=2)
         with np.errstate(all="ignore"):
-            times = np.ravel(emcee.autocorr.integrated_time(means, tol=0, quiet=True))
-            worth = np.maximum(times, 1.0) * means.var(axis=(0, 1)) / one.var(axis=(0, 1)) * x.shape[1]
-        found.append(np.where(np.isfinite(worth), worth, np.inf))
-    return np.maximum(np.max(found, axis=0), 1.0)
+            lengths = np.asarray(array_stats.ess(means, chain_axis=0, draw_axis=1, method="mean"))
+            lengths = np.minimum(lengths, ensembles * steps)
+            sizes = np.minimum(lengths * one.var(axis=(0, 1, 2)) / means.var(axis=(0, 1)), ensembles * steps * walkers)
+        found.append(np.where(np.isfinite(sizes), [sizes, lengths], 0.0))
+    sizes, lengths = np.min(found, axis=0)
+    return sizes, lengths
 
 
 def compare_ensembles(x: np.ndarray) -> np.ndarray:
@@ -66,14 +79,16 @@ def judge_chains(x: np.ndarray, wanted: float) -> Convergence:
     if steps < FEWEST:
         nothing = np.full(free, np.inf)
         return Convergence(steps, nothing, np.zeros(free), nothing, 0.0, np.inf, False, "there are too few steps")
-    each, rhats = np.stack([measure_times(part) for part in x]), compare_ensembles(x)
-    sizes = np.sum(steps * walkers / each, axis=0)
+    (sizes, lengths), rhats = measure_sizes(x), compare_ensembles(x)
     lacking = []
     if sizes.min() < wanted:
         lacking.append(f"the effective sample size is {sizes.min():.0f}, but {wanted:.0f} is wanted")
     if rhats.max() >= AGREE:
         lacking.append(f"the ensembles differ (R-hat is {rhats.max():.3f}, but {AGREE} is wanted)")
-    if steps < TIMES * each.max():
-        lacking.append(f"{steps} steps are {steps / each.max():.0f} autocorrelation times, but {TIMES:.0f} are wanted")
-    return Convergence(steps, each.max(axis=0), sizes, rhats, float(sizes.min()), float(rhats.max()), not lacking,
+    if lengths.min() < TIMES:
+        lacking.append(f"the ensembles are {lengths.min():.0f} autocorrelation times long together, but {TIMES:.0f} "
+                       "are wanted")
+    with np.errstate(divide="ignore"):
+        times = ensembles * steps * walkers / sizes
+    return Convergence(steps, times, sizes, rhats, float(sizes.min()), float(rhats.max()), not lacking,
                        "; ".join(lacking))

@@ -105,8 +105,14 @@ class Ensembles(AbstractSampler):
                                 self.target.high, block["portion"])
         self.share = float(block["share"])
 
+    def refine(self, draws: np.ndarray) -> None:
+        """As the base class has it."""
+        self.target = self.target.refine(draws)
+
     def adapt(self, draws: np.ndarray) -> None:
         """As the base class has it."""
+        # Densities are computed again, as the target may have been refined since.
+        self.states = [emcee.State(state.coords, random_state=state.random_state) for state in self.states]
         random = seed_random(self.settings.seed, self.settings.ensembles, 1)
         self.proposal, self.share = adapt_mixture(self.target, partial(self.density, 0), draws, random)
 

@@ -153,6 +153,9 @@ class Nuts(AbstractSampler):
         self.states = [jax.tree.unflatten(form, [jnp.asarray(leaf[k]) for leaf in leaves])
                        for k in range(self.settings.ensembles)]
 
+    def refine(self, draws: np.ndarray) -> None:
+        """Nothing: nuisances are sampled, not integrated out."""
+
     def adapt(self, draws: np.ndarray) -> None:
         """Nothing: the kernel has adapted itself while it warmed up."""
 

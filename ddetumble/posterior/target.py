@@ -45,6 +45,10 @@ TRIALS = 24  # draws from the fit's Gaussian at which linearity is judged: a sta
 # Standard deviation, over these, of what the linear integral is off by in the log-likelihood: beyond it nuisances are
 # sampled; below, 5 % in density.
 CURVED = 0.05
+# Share of a posterior's draws that lie further below its best density than those at which linearity is judged: where
+# nobody will be, in the tails of a Gaussian about a bent valley, a linear integral may be off by anything.
+BEYOND = 1e-4
+FEWEST = 4  # draws within reach, from which on their standard deviation says anything
 TOO_UNCERTAIN = ("the model cannot be computed at draws from the fit's Gaussian: the fit is too uncertain to sample "
                  "from; add priors or bounds, or fix a parameter")
 
@@ -149,6 +153,10 @@ class AbstractTarget(ABC):
         (parts,); None where the fit fails, or the rest says nothing about a parameter.
         """
 
+    def refine(self, draws: np.ndarray) -> "AbstractTarget":
+        """The target itself, or a better one where it is off at draws of its own posterior, shape (draws, free)."""
+        return self
+
     def prior(self, x: np.ndarray) -> np.ndarray:
         """Logarithm of the prior, shape (points, free) to (points,); -inf outside the limits."""
         total = np.zeros(len(x))
@@ -211,6 +219,35 @@ class CampaignTarget(AbstractTarget):
     def likelihoods(self, x: np.ndarray) -> np.ndarray:
         """As the base class has it."""
         return np.asarray(self.integrate(x).value)
+
+    def refine(self, draws: np.ndarray) -> AbstractTarget:
+        """As the base class has it: nuisances are sampled where the linear integral turns out to be off."""
+        if self.plan.nodes.shape[0] or not np.any(np.asarray(self.records.stack.condition_sd) > 0):
+            return self
+        return self.compare_integrals(draws[np.linspace(0, len(draws) - 1, TRIALS).astype(int)])
+
+    def compare_integrals(self, x: np.ndarray) -> "CampaignTarget":
+        """The target with linear or with sampled nuisances, whichever is right at those of the points that are within
+        reach of the posterior, shape (points, free); linear where hardly any is.
+        """
+        # Evenly spread points (scrambled Sobol) with their mirror images.
+        sobol = stats.qmc.Sobol(self.plan.own.shape[1], rng=np.random.default_rng(0)).random(POINTS // 2)
+        half = stats.norm.ppf(np.clip(sobol, 1e-9, 1 - 1e-9))
+        nodes = jnp.asarray(np.concatenate([half, -half]))
+        sampled = dc.replace(self, plan=eqx.tree_at(lambda p: p.nodes, self.plan, nodes), costly=True)
+        points = np.concatenate([x, self.centre[None]])
+        linear, better = self.log_density(points), sampled.log_density(points)
+        # Where either has any density: one that is wrongly high would draw the chains there.
+        within = np.maximum(linear - linear.max(), better - better.max()) > -0.5 * stats.chi2.isf(BEYOND, x.shape[1])
+        within &= np.isfinite(linear) & np.isfinite(better)
+        curved = float(np.std((better - linear)[within])) if np.sum(within) >= FEWEST else 0.0
+        if curved > CURVED:
+            return dc.replace(sampled, curved=curved, notes=(
+                f"each record's nuisances were integrated out by importance sampling with {POINTS} points, because a "
+                f"linear treatment has an error of {curved:.2g} (standard deviation) in the log-likelihood",))
+        return dc.replace(self, curved=curved, notes=(
+            "each record's nuisances were integrated out analytically, as the model is nearly linear in them (the "
+            f"error of the log-likelihood has a standard deviation of {curved:.1g})",))
 
     def fit_without(self, out: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """As the base class has it."""
@@ -293,22 +330,7 @@ def _judge_linearity(target: CampaignTarget) -> CampaignTarget:
     """Compare the linear integral with a sampled one at draws from the fit's Gaussian, and take what is right."""
     if not np.any(np.asarray(target.records.stack.condition_sd) > 0):
         return dc.replace(target, notes=("conditions and time origins were taken as exact",))
-    x = target.draw_inside(np.random.default_rng(0), TRIALS)
-    # Evenly spread points (scrambled Sobol) with their mirror images.
-    sobol = stats.qmc.Sobol(target.plan.own.shape[1], rng=np.random.default_rng(0)).random(POINTS // 2)
-    half = stats.norm.ppf(np.clip(sobol, 1e-9, 1 - 1e-9))
-    nodes = jnp.asarray(np.concatenate([half, -half]))
-    sampled = dc.replace(target, plan=eqx.tree_at(lambda p: p.nodes, target.plan, nodes), costly=True)
-    off = np.sum(sampled.likelihoods(x) - target.likelihoods(x), axis=1)
-    off = off[np.isfinite(off)]
-    curved = float(np.std(off)) if len(off) > 1 else np.inf
-    if curved > CURVED:
-        return dc.replace(sampled, curved=curved, identity={**target.identity, "nuisances": "sampled"}, notes=(
-            f"each record's nuisances were integrated out by importance sampling with {POINTS} points, because a "
-            f"linear treatment has an error of {curved:.2g} (standard deviation) in the log-likelihood",))
-    return dc.replace(target, curved=curved, identity={**target.identity, "nuisances": "linear"}, notes=(
-        "each record's nuisances were integrated out analytically, as the model is nearly linear in them (the error "
-        f"of the log-likelihood has a standard deviation of {curved:.1g})",))
+    return target.compare_integrals(target.draw_inside(np.random.default_rng(0), TRIALS))
 
 
 @final

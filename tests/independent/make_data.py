@@ -139,6 +139,18 @@ SLIP_PLANS = {
         "speeds": [0.02, 0.2],
         "strokes": [8e-3, 8e-3, 8e-3, 8e-3],
     },
+    # Long strokes at many loads by a finer gauge: they determine the coefficients of Eq. 10 themselves.
+    "slip-e": {
+        "seed": 20260205,
+        "effects": {},
+        "base": {"adhesion_constant": 0.842, "loss_factor": 0.149, "slip_scale": 1.0},
+        "loads": [5.0, 7.1, 9.2, 11.3, 13.4, 15.5, 17.5, 19.6, 21.7, 23.8, 25.9, 28.0],
+        "pressures": [0.5e6, 2.5e6],
+        "speeds": [0.02],
+        "length": 40e-3,
+        "interval": 1e-3,
+        "noise": 0.003,
+    },
 }
 
 # angles of incidence from flat to steep: some records slide throughout, some grip early
@@ -225,7 +237,7 @@ def measure_impact(campaign, plan):
 def measure_slip(campaign, plan):
     """The same of friction."""
     strokes = plan.get("strokes")
-    path, turns = place_path(12e-3, 1e-4, strokes)
+    path, turns = place_path(plan.get("length", 12e-3), plan.get("interval", 1e-4), strokes)
     reference = refer_slip(campaign.base, [row.true for row in campaign.records], path,
                            campaign.noise["tangential_force"], campaign.uncertainties, strokes, turns)
     return lambda effects: measure_misfit(reference, effects)
