@@ -316,7 +316,7 @@ def test_equation_10_from_a_campaign():
 
 
 def test_equation_10_from_long_strokes():
-    """At twelve loads and with a fine gauge nothing takes a prior: every coefficient is determined, and holds the truth."""
+    """At twelve loads and with a fine gauge nothing takes a prior, and every coefficient holds the truth."""
     fit = dd.fit("slip-e", "eq10")
     assert fit.converged and 0.9 < fit.chi2_reduced < 1.1 and not fit.settings.get("assumed")
     truth = {name: p.initial for name, p in fit.parameters.items()} | {

@@ -47,11 +47,11 @@ def measure_sizes(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     from arviz_stats.base.array import array_stats
 
     ensembles, steps, walkers, _ = x.shape
-    found = []
+    found: list[Any] = []
     for one in (x, np.abs(x - np.median(x, axis=(0, 1, 2)))):
         means = one.mean(axis=2)
         with np.errstate(all="ignore"):
-            lengths = np.asarray(array_stats.ess(means, chain_axis=0, draw_axis=1, method="mean"))
+            lengths: Any = array_stats.ess(means, chain_axis=0, draw_axis=1, method="mean")
             lengths = np.minimum(lengths, ensembles * steps)
             sizes = np.minimum(lengths * one.var(axis=(0, 1, 2)) / means.var(axis=(0, 1)), ensembles * steps * walkers)
         found.append(np.where(np.isfinite(sizes), [sizes, lengths], 0.0))
