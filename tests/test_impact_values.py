@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
@@ -10,7 +11,9 @@ from scipy.integrate import solve_ivp
 import ddetumble as dd
 from ddetumble._errors import InputError
 from ddetumble._settings import find_data
+from ddetumble.dynamics.impact import follow
 from ddetumble.families import open_campaign
+from ddetumble.families.impact import read_values
 from ddetumble.families.values import measure_scatter
 from ddetumble.figures import draw_predictive
 from ddetumble.inference.noise import widen_by_student
@@ -87,6 +90,26 @@ def test_rebound_speeds_alone_give_the_restitution():
     mass = found.parameters["effective_mass"]
     assert mass.q975 > 2.0 * mass.q025
     assert any("effective_mass" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("e", [0.002, 0.003, 0.005, 0.02, 0.5])
+def test_peaks_of_impacts_from_which_hardly_anything_rebounds(e):
+    """The force peaks in the first thousandth of a contact whose end is ever slower; SciPy finds it by itself."""
+    law = dd.Ball(effective_mass=0.3, restitution=e).extend(())
+    conditions = {"initial_pressure": jnp.array(1.5e6), "approach_speed": jnp.array(0.4)}
+    values, failed = read_values(law, conditions, follow(law, conditions, jnp.array(1.0), 5e-8, 5e-10))
+    assert not failed
+    c = solve_kappa(e) / 0.4
+
+    def force(depth, rate):
+        b, r = np.pi / 4 * depth, (0.06 - depth) / 2
+        volume = 2 * np.pi * (b**2 * r + np.pi * b * r**2 / 2 + 2 * r**3 / 3)
+        return 1.5e6 * (np.pi * 0.06**3 / 6 / volume) * np.pi * b**2 * (1 + c * rate)
+
+    path = solve_ivp(lambda t, y: [y[1], -force(*y) / 0.3], (0, 0.02), [0, 0.4], rtol=1e-10, atol=1e-13,
+                     dense_output=True)
+    want = max(force(*path.sol(t)) for t in np.geomspace(1e-7, 0.02, 20_001))
+    assert float(values["peak_normal_force"]) == pytest.approx(want, rel=5e-5)
 
 
 @pytest.mark.slow

@@ -54,10 +54,10 @@ def find_size(values):
 
 def solve_kappa(e):
     """Damping number by the closed form, solved independently."""
-    def balance(k):
-        return k - np.log1p(k) + k * e + np.log1p(-k * e)
+    def place(x):  # of the logarithm of what is missing from 1 in k e, which is far below rounding for small e
+        return -np.expm1(x) / e
 
-    return brentq(balance, 1e-6, (1 - 1e-13) / e)
+    return place(brentq(lambda x: x + place(x) * (1.0 + e) - np.log1p(place(x)), -2.0 / e, -1e-12))
 
 
 def integrate_peak(mass, e, pressure, dashpot=0.0, speed=0.4):

@@ -192,6 +192,8 @@ class SlipCurves(AbstractRubberFriction):
     e_0: Scalar = _slope("e", 0, "", 0.02, "e of Eq. 9 at 15 N", free=False)
     e_1: Scalar = _slope("e", 1, "", 0.02, "e of Eq. 9", free=False)
     e_2: Scalar = _slope("e", 2, "", 0.02, "e of Eq. 9", free=False)
+    # With other coefficients the second exponential may grow elsewhere, but nothing tells where before they are known.
+    valid: ClassVar[Mapping[str, tuple[float, float]]] = {"normal_load": (0.0, ADVISED_UP_TO)}
 
     def slipping(self, slide: Slide) -> Scalar:
         """Eq. 9 at the record's load [-]."""

@@ -45,6 +45,9 @@ WINDOWS = (0.3, 0.1)
 # lost among so many. Of a drawn box four seeds in ten found the best, and in the whole window none did.
 WITHIN_TURN = 3
 
+# Share of the momentum at the start, that a page still shows: changes together that gain less are not told as a gain.
+SHOWN = 1e-4
+
 # Impacts that are changed together, or searched for again, at most where they miss the share: more take minutes.
 TOGETHER = 12
 # Searches from other seeds where the share is missed. Of a sequence more, as the first impacts decide what the last
@@ -412,23 +415,24 @@ def plan_together(problem: StrikeProblem, share: float, most: int, *, aim: Aim =
         assert again.joint is not None
         return dc.replace(again, joint=dc.replace(again.joint, aim=told, alone=alone.outcome))
 
+    def improve(alone: Sequence) -> Sequence:
+        """Changed together within the whole window, where that gains anything."""
+        again = change(alone, "share", "share", alone)
+        assert again.joint is not None
+        gain = alone.left - again.left
+        return again if again.joint.taken and gain > min(SLACK * alone.left, SHOWN) else alone
+
     def search(seed: int) -> Sequence:
         """One after the other; those that miss the share with all that there may be are changed together."""
         alone = plan_sequence(problem, share, most, starts=starts, seed=seed, revise=revise, progress=progress)
         if alone.reached or revise is not None or not max(most, 2) <= len(alone.impacts) <= TOGETHER:
             return alone
-        again = change(alone, "share", "share", alone)
-        assert again.joint is not None
-        return again if again.joint.taken and alone.left - again.left > SLACK * alone.left else alone
+        return improve(alone)
 
-    def hurry(seed: int, part: float) -> Sequence | None:
-        """With short waits, then changed together within the whole window; None where that leads nowhere."""
+    def hurry(seed: int, part: float) -> Sequence:
+        """With short waits, then changed together within the whole window."""
         alone = plan_sequence(problem, share, most, starts=starts, seed=seed, part=part, progress=progress)
-        if not 0 < len(alone.impacts) <= TOGETHER:
-            return None
-        again = change(alone, "share", "share", alone)
-        assert again.joint is not None
-        return again if again.joint.taken else None
+        return improve(alone) if 0 < len(alone.impacts) <= TOGETHER else alone
 
     best = search(seed)
     if revise is None and not best.reached and 0 < len(best.impacts) <= TOGETHER:
@@ -436,7 +440,7 @@ def plan_together(problem: StrikeProblem, share: float, most: int, *, aim: Aim =
             tell("searching with shorter waits", math.nan)
             parts = [*WINDOWS, *([once] * WITHIN_TURN if (once := find_turn(problem)) < min(WINDOWS) else [])]
             hurried = [hurry(seed + TURN * turn, part) for turn, part in enumerate(parts, FURTHER + 1)]
-            best = min([best, *filter(None, hurried)], key=lambda one: (len(one.impacts), 0.0) if one.reached else
+            best = min([best, *hurried], key=lambda one: (len(one.impacts), 0.0) if one.reached else
                        (math.inf, one.left))
         for turn in range(1, 1 + (FURTHER if most > 1 else FURTHER_ALONE)):
             if best.reached:
