@@ -151,6 +151,14 @@ def test_integrals_are_compared_where_the_posterior_is():
     nodes = stats.norm.ppf(stats.qmc.Sobol(made.plan.own.shape[1], rng=np.random.default_rng(0)).random(32))
     plan = dc.replace(made.plan, nodes=jnp.asarray(np.concatenate([nodes, -nodes])))
     linear, sampled = made.log_density(x), dc.replace(made, plan=plan).log_density(x)
+    # What follows from the draws is what follows from each: the polynomials of Eq. 10 in the load itself [N].
+    found, values = made.derive(x), dict(zip(made.names, made.publish(x).T, strict=True))
+    load = 22.0
+    for kind, terms in (("sum", "b+d"), ("difference", "b-d")):
+        own = sum(values[f"{kind}_{k}"] * ((load - 15.0) / 10.0) ** k for k in range(3))
+        b, d = (sum(found[f"{name}{k}"][0] * load**k for k in range(3)) for name in "bd")
+        np.testing.assert_allclose(b + d if terms == "b+d" else b - d, own, rtol=1e-9)
+    assert found["b1"][1] == "1/(mm*N)"
     within = linear > made.log_density(made.centre[None]) - 10.0
     assert 4 < within.sum() < 50
     np.testing.assert_allclose(sampled[within], linear[within], atol=0.1)

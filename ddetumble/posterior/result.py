@@ -50,6 +50,18 @@ class Estimate:
     unit: str
 
 
+@dc.dataclass(frozen=True)
+class Spread:
+    """One quantity that follows from the parameters: mean, deviation and quantiles over the draws."""
+
+    mean: float
+    sd: float
+    q025: float
+    q50: float
+    q975: float
+    unit: str
+
+
 @dc.dataclass(frozen=True, eq=False, repr=False)
 class Posterior(AbstractPrinted):
     r"""Draws from a posterior $p(\theta \mid y)$, with their summary and diagnostics.
@@ -65,6 +77,7 @@ class Posterior(AbstractPrinted):
         parameters: summaries by name.
         state: a sentence.
         notes: further sentences.
+        derived: what the model tells beside its parameters (the polynomials of Eq. 10, say), by name.
         log_likelihood: of every part at some draws (`score`), shape (ensembles, draws, parts); where it was examined.
         predictive: posterior predictive checks; of campaigns only, where it was examined.
         left_out: scores of left-out conditions, where it was examined.
@@ -81,6 +94,7 @@ class Posterior(AbstractPrinted):
     parameters: Mapping[str, Estimate]
     state: str
     notes: tuple[str, ...]
+    derived: Mapping[str, Spread] = dc.field(default_factory=dict)
     log_likelihood: np.ndarray | None = None
     predictive: Checks | None = None
     left_out: Scores | None = None
@@ -154,6 +168,11 @@ class Posterior(AbstractPrinted):
             rows.append((f"{name} [{p.unit}]" if p.unit else name, f"{p.mean:.6g}", f"{p.sd:.3g}", f"{p.q025:.6g}",
                          f"{p.q975:.6g}", f"{p.effective:.0f}", f"{p.rhat:.3f}", f"{p.fit:.6g} +/- {p.fit_sd:.3g}"))
         lines += [f"    {line}" for line in align_table(rows)]
+        if self.derived:
+            rows = [("", "mean", "sd", "2.5 %", "97.5 %")]
+            rows += [(f"{name} [{d.unit}]" if d.unit else name, f"{d.mean:.6g}", f"{d.sd:.3g}", f"{d.q025:.6g}",
+                      f"{d.q975:.6g}") for name, d in self.derived.items()]
+            lines += ["[[Derived]]", *(f"    {line}" for line in align_table(rows))]
         if self.prior is not None:
             lines += ["[[Priors]]", f"    {self.prior.sentence}"]
         if self.predictive is not None:
@@ -170,9 +189,9 @@ class Posterior(AbstractPrinted):
         c = self.convergence
         return make_plain({
             "schema": SCHEMA, "title": self.title, "sampler": self.sampler, "settings": self.settings,
-            "target": self.target.identity, "parameters": self.parameters, "converged": self.converged,
-            "state": self.state, "steps": c.steps, "effective": c.effective, "rhat": c.rhat,
-            "autocorrelation_time": dict(zip(self.target.names, c.times, strict=True)), "statistics": self.statistics,
+            "target": self.target.identity, "parameters": self.parameters, "derived": self.derived,
+            "converged": self.converged, "state": self.state, "steps": c.steps, "effective": c.effective,
+            "rhat": c.rhat, "autocorrelation_time": dict(zip(self.target.names, c.times, strict=True)), "statistics": self.statistics,
             "correlations": np.atleast_2d(np.corrcoef(self.x.reshape(-1, self.x.shape[-1]).T)), "notes": self.notes,
             "left_out": self.left_out, "versions": list_versions(),
             "predictive": self.predictive and list_fields(self.predictive, "replicates"),
@@ -249,5 +268,10 @@ def summarise_posterior(target: AbstractTarget, sampler: str, settings: Mapping[
                 notes.append(f"the posterior of {name} is truncated at its {end} limit: with 95 % probability it is "
                              f"{bound} {float(np.quantile(values, q)):.4g}")
                 break
-    return Posterior(target, sampler, dict(settings), x, log_density, convergence, dict(statistics), parameters, state,
-                     tuple(notes))
+    found = Posterior(target, sampler, dict(settings), x, log_density, convergence, dict(statistics), parameters, state,
+                      tuple(notes))
+    derived = {}
+    for name, (own, unit) in target.derive(found.thinned()[0].reshape(-1, x.shape[-1])).items():
+        low, middle, high = (float(q) for q in np.quantile(own, [0.025, 0.5, 0.975]))
+        derived[name] = Spread(float(own.mean()), float(own.std()), low, middle, high, unit)
+    return dc.replace(found, derived=derived)

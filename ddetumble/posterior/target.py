@@ -153,6 +153,11 @@ class AbstractTarget(ABC):
         (parts,); None where the fit fails, or the rest says nothing about a parameter.
         """
 
+    def derive(self, x: np.ndarray) -> dict[str, tuple[np.ndarray, str]]:
+        """What follows from the parameters at points of shape (points, free), by name: values of shape (points,), and
+        their unit."""
+        return {}
+
     def refine(self, draws: np.ndarray) -> "AbstractTarget":
         """The target itself, or a better one where it is off at draws of its own posterior, shape (draws, free)."""
         return self
@@ -219,6 +224,19 @@ class CampaignTarget(AbstractTarget):
     def likelihoods(self, x: np.ndarray) -> np.ndarray:
         """As the base class has it."""
         return np.asarray(self.integrate(x).value)
+
+    def derive(self, x: np.ndarray) -> dict[str, tuple[np.ndarray, str]]:
+        """As the base class has it: what the reference model tells beside its parameters, as far as it moves."""
+        def build(point):
+            return self.space.build(self.plan.base + (point - self.plan.centre) @ self.plan.directions).reference
+
+        units = {name: unit for name, (_, unit) in build(self.plan.centre).derive().items()}
+        if not units:
+            return {}
+        values = np.asarray(jax.vmap(lambda point: jnp.stack([value for value, _ in build(point).derive().values()]))(
+            jnp.asarray(x)))
+        return {name: (own, unit) for (name, unit), own in zip(units.items(), values.T, strict=True)
+                if np.ptp(own) > 0}
 
     def refine(self, draws: np.ndarray) -> AbstractTarget:
         """As the base class has it: nuisances are sampled where the linear integral turns out to be off."""

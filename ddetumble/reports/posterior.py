@@ -83,7 +83,13 @@ def _show_parameters(posterior: Posterior) -> Section:
     if hidden > 0:
         points.append(f"The figures leave out {hidden} parameters; posterior.nc contains all.")
     picture = Picture("corner", caption, figures.draw_corner(posterior), f"Corner plot of {len(rows)} parameters.")
-    return Section("Parameters", figures=[picture], tables=[Table(header, rows)], points=points)
+    tables = [Table(header, rows)]
+    if posterior.derived:
+        tables.append(Table(
+            ("what follows from them", "median", "sd", "2.5 %", "97.5 %", "unit"),
+            [(clean(name, 60), *(format_value(x, d.sd) for x in (d.q50, d.sd, d.q025, d.q975)),
+              clean(d.unit, 16) or "–") for name, d in posterior.derived.items()]))
+    return Section("Parameters", figures=[picture], tables=tables, points=points)
 
 
 def _show_priors(posterior: Posterior) -> Section | None:
