@@ -321,6 +321,15 @@ def _describe_shape(surface: AbstractSurface) -> str:
     return f"sphere of radius {float(surface.reach()):.4g} m"
 
 
+def _describe_attitude(attitude: np.ndarray) -> str:
+    """How a body is turned against inertial axes, from its unit quaternion, scalar first, shape (4,)."""
+    w, axis = abs(attitude[0]), attitude[1:] * (1.0 if attitude[0] >= 0 else -1.0)
+    size = float(np.linalg.norm(axis))
+    if size < 1e-9:
+        return "body axes along inertial ones"
+    return f"turned by {_show(np.degrees(2.0 * np.arctan2(size, w)), 2)}° about ({_join(axis / size)}), inertial"
+
+
 def _show_problem(plan: Plan) -> Section:
     """What is struck, what is allowed and what is wanted, as they were given."""
     problem, limits, goal = plan.problem, plan.problem.limits, plan.problem.goal
@@ -343,6 +352,7 @@ def _show_problem(plan: Plan) -> Section:
         *([["debris", "centre of mass, from that of uniform density",
             f"({_join(np.asarray(debris.surface.centre))}) m"]]
           if isinstance(debris.surface, OffsetSurface) else []),
+        ["debris", "attitude at time 0", _describe_attitude(np.asarray(problem.attitude))],
         ["debris", "angular velocity, body", f"({_join(rates)}) rad/s, {_show(np.degrees(turn), 2)} °/s in all"],
         ["debris", "angular momentum", f"{float(np.linalg.norm(inertia @ rates)):.4g} N m s"],
         ["debris", "rotational energy", f"{0.5 * float(rates @ inertia @ rates):.4g} J"],
@@ -355,6 +365,8 @@ def _show_problem(plan: Plan) -> Section:
         ["allowed", "pressure", f"{low} to {high} MPa"],
         ["allowed", "distance from edges", f"from {1e3 * float(limits.edge):.3g} mm"],
         ["allowed", "first touch", f"{float(limits.window[0]):.4g} to {float(limits.window[1]):.4g} s after {since}"],
+        ["allowed", "clearance", "the ball keeps clear of the rest of the body for "
+                                 f"{float(limits.clearance):.3g} s before and after the contact"],
         ["allowed", "side", f"outward normal within {np.degrees(float(limits.cone)):.3g}° of the chaser, which is "
                             f"towards ({_join(np.asarray(limits.chaser))}), inertial"],
         ["wanted", "to be small", " + ".join(wanted)],

@@ -86,9 +86,10 @@ def _show_parameters(posterior: Posterior) -> Section:
     tables = [Table(header, rows)]
     if posterior.derived:
         tables.append(Table(
-            ("what follows from them", "median", "sd", "2.5 %", "97.5 %", "unit"),
+            ("quantity", "median", "sd", "2.5 %", "97.5 %", "unit"),
             [(clean(name, 60), *(format_value(x, d.sd) for x in (d.q50, d.sd, d.q025, d.q975)),
-              clean(d.unit, 16) or "–") for name, d in posterior.derived.items()]))
+              clean(d.unit, 16) or "–") for name, d in posterior.derived.items()],
+            "What follows from the parameters."))
     return Section("Parameters", figures=[picture], tables=tables, points=points)
 
 
