@@ -25,6 +25,7 @@ from ddetumble.posterior.chain import Settings, run_chains
 from ddetumble.posterior.diagnostics import compare_ensembles, judge_chains, measure_sizes
 from ddetumble.posterior.ensemble import Ensembles, mix_moves
 from ddetumble.posterior.proposal import Mixture
+from ddetumble.posterior.target import judge_linearity
 
 
 BASE = {"adhesion_constant": 0.9, "loss_factor": 0.16, "slip_scale": 1.0}
@@ -129,6 +130,13 @@ def test_a_linear_integral_that_is_off_at_its_own_draws_is_refined(target, loose
     found = loose.refine(draws)
     assert found.costly and found.curved > 0.05 and "importance sampling" in found.notes[0]
     assert found.refine(draws) is found
+
+
+def test_integrals_are_compared_closer_to_a_fit_whose_gaussian_is_far_too_wide(target):
+    wide = dc.replace(target, covariance=1e4 * target.covariance, curved=0.0)
+    assert wide.compare_integrals(wide.draw_inside(np.random.default_rng(0), 24)) is None
+    found = judge_linearity(wide)
+    assert not found.costly and 0.0 < found.curved < 0.05
 
 
 def test_a_chain_that_was_stopped_goes_on_with_the_refined_density(loose, tmp_path):

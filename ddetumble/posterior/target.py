@@ -28,7 +28,7 @@ import numpy as np
 from jaxtyping import Array
 from scipy import optimize, stats
 
-from .._errors import InputError
+from .._errors import ComputationError, InputError
 from .._numerics import map_threads
 from ..contact.transform import TRANSFORMS
 from ..inference.bounded import Bounded, solve_bounded
@@ -45,10 +45,11 @@ TRIALS = 24  # draws from the fit's Gaussian at which linearity is judged: a sta
 # Standard deviation, over these, of what the linear integral is off by in the log-likelihood: beyond it nuisances are
 # sampled; below, 5 % in density.
 CURVED = 0.05
-# Share of a posterior's draws that lie further below its best density than those at which linearity is judged: where
-# nobody will be, in the tails of a Gaussian about a bent valley, a linear integral may be off by anything.
-BEYOND = 1e-4
+# Share of a posterior's draws that lie further below its best density than those at which linearity is judged: of draws
+# from the fit's Gaussian, which may leave a bent valley for where nobody will be, and of a posterior's own.
+BEYOND, BEYOND_OWN = 0.5, 1e-4
 FEWEST = 4  # draws within reach, from which on their standard deviation says anything
+WIDTHS = (1.0, 0.5, 0.25, 0.1, 0.01)  # of the fit's Gaussian, in turn, until so many are
 TOO_UNCERTAIN = ("the model cannot be computed at draws from the fit's Gaussian: the fit is too uncertain to sample "
                  "from; add priors or bounds, or fix a parameter")
 
@@ -242,11 +243,11 @@ class CampaignTarget(AbstractTarget):
         """As the base class has it: nuisances are sampled where the linear integral turns out to be off."""
         if self.plan.nodes.shape[0] or not np.any(np.asarray(self.records.stack.condition_sd) > 0):
             return self
-        return self.compare_integrals(draws[np.linspace(0, len(draws) - 1, TRIALS).astype(int)])
+        return self.compare_integrals(draws[np.linspace(0, len(draws) - 1, TRIALS).astype(int)], BEYOND_OWN) or self
 
-    def compare_integrals(self, x: np.ndarray) -> "CampaignTarget":
-        """The target with linear or with sampled nuisances, whichever is right at those of the points that are within
-        reach of the posterior, shape (points, free); linear where hardly any is.
+    def compare_integrals(self, x: np.ndarray, beyond: float = BEYOND) -> "CampaignTarget | None":
+        """The target with linear or with sampled nuisances, whichever is right at those of the points, shape (points,
+        free), that are no further below its best density than all but a share of a posterior's; None for too few.
         """
         # Evenly spread points (scrambled Sobol) with their mirror images.
         sobol = stats.qmc.Sobol(self.plan.own.shape[1], rng=np.random.default_rng(0)).random(POINTS // 2)
@@ -256,9 +257,11 @@ class CampaignTarget(AbstractTarget):
         points = np.concatenate([x, self.centre[None]])
         linear, better = self.log_density(points), sampled.log_density(points)
         # Where either has any density: one that is wrongly high would draw the chains there.
-        within = np.maximum(linear - linear.max(), better - better.max()) > -0.5 * stats.chi2.isf(BEYOND, x.shape[1])
+        within = np.maximum(linear - linear.max(), better - better.max()) > -0.5 * stats.chi2.isf(beyond, x.shape[1])
         within &= np.isfinite(linear) & np.isfinite(better)
-        curved = float(np.std((better - linear)[within])) if np.sum(within) >= FEWEST else 0.0
+        if np.sum(within) < FEWEST:
+            return None
+        curved = float(np.std((better - linear)[within]))
         if curved > CURVED:
             return dc.replace(sampled, curved=curved, notes=(
                 f"each record's nuisances were integrated out by importance sampling with {POINTS} points, because a "
@@ -304,6 +307,7 @@ def pose_fit(fit: Fit) -> CampaignTarget:
 
     Raises:
         InputError: The records determine nothing about a parameter that has no prior: there is no posterior.
+        ComputationError: The model cannot be computed near the fit.
     """
     problem, found, solution = fit.problem, fit.bounded, fit.bounded.solution
     full, names, u = problem.space, found.names, solution.u
@@ -341,14 +345,19 @@ def pose_fit(fit: Fit) -> CampaignTarget:
         centre=u[[full.index[n] for n in names]], covariance=covariance, low=low, high=high, priors=problem.priors,
         parts=records.keys, groups=groups, conditions=name_conditions(fit.source.records, groups), identity=identity,
         fit=fit, space=space, records=records, plan=plan)  # fmt: skip
-    return _judge_linearity(target)
+    return judge_linearity(target)
 
 
-def _judge_linearity(target: CampaignTarget) -> CampaignTarget:
+def judge_linearity(target: CampaignTarget) -> CampaignTarget:
     """Compare the linear integral with a sampled one at draws from the fit's Gaussian, and take what is right."""
     if not np.any(np.asarray(target.records.stack.condition_sd) > 0):
         return dc.replace(target, notes=("conditions and time origins were taken as exact",))
-    return target.compare_integrals(target.draw_inside(np.random.default_rng(0), TRIALS))
+    # Of a Gaussian that is far wider than a bent posterior, the inner part.
+    for width in WIDTHS:
+        found = target.compare_integrals(target.draw_inside(np.random.default_rng(0), TRIALS, width))
+        if found is not None:
+            return found
+    raise ComputationError(TOO_UNCERTAIN)
 
 
 @final
