@@ -27,7 +27,7 @@ def test_one_model_in_full(family, name, capsys):
     for one in parameters_of(model.make()):
         assert f"parameter  {one.name}" in shown and one.limits_reason in shown
         assert not one.unit or f"[{one.unit}]" in shown
-    assert ("from 0 to 30 (SI)" in shown) == (family == "slip" and name.startswith("paper"))
+    assert ("from 0 to 30 (SI)" in shown) == (family == "slip" and name.startswith(("paper", "eq10")))
 
 
 def test_unknown_names_are_refused(capsys):
