@@ -315,6 +315,7 @@ def test_equation_10_from_a_campaign():
     assert np.isfinite(fit.derived["a0"].sd) and fit.derived["a0"].sd < 0.01
 
 
+@pytest.mark.slow
 def test_equation_10_from_long_strokes():
     """At twelve loads and with a fine gauge nothing takes a prior, and every coefficient holds the truth."""
     fit = dd.fit("slip-e", "eq10")

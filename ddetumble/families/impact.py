@@ -35,7 +35,7 @@ CLOSER = 8  # steps, in which the two about the largest sample are read again: p
 # Weights of a quadrature over them: in the angle the trapezoidal rule converges fast, as its integrand ends at zero.
 _ORDER = np.argsort(np.concatenate([_EARLY, _EVEN]))
 SHARES = np.concatenate([_EARLY, _EVEN])[_ORDER]
-WEIGHTS = np.concatenate([0.0 * _EARLY, 0.5 * np.sin(_ANGLES) * np.pi / 96, np.gradient(_TAIL)])[_ORDER]
+WEIGHTS = np.concatenate([np.zeros(len(_EARLY)), 0.5 * np.sin(_ANGLES) * np.pi / 96, np.gradient(_TAIL)])[_ORDER]
 
 
 def observe_contact(run: Callable[..., Any], law: Any, conditions: Mapping[str, Array], time: Array, row: Any,

@@ -349,7 +349,11 @@ def pose_fit(fit: Fit) -> CampaignTarget:
 
 
 def judge_linearity(target: CampaignTarget) -> CampaignTarget:
-    """Compare the linear integral with a sampled one at draws from the fit's Gaussian, and take what is right."""
+    """Compare the linear integral with a sampled one at draws from the fit's Gaussian, and take what is right.
+
+    Raises:
+        ComputationError: The model cannot be computed near the fit.
+    """
     if not np.any(np.asarray(target.records.stack.condition_sd) > 0):
         return dc.replace(target, notes=("conditions and time origins were taken as exact",))
     # Of a Gaussian that is far wider than a bent posterior, the inner part.
