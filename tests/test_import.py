@@ -201,6 +201,44 @@ def test_an_offset_within_the_noise_stays(tmp_path):
     np.testing.assert_allclose(campaign.samples["normal_force"], force, atol=1e-6)
 
 
+def make_shots(folder, names):
+    """Files of one pulse each."""
+    for i, name in enumerate(names):
+        time, force = raw_trace(seed=i)
+        write(folder / name, raw_text([time, force], ["t [s]", "Fz [N]"]))
+    return [folder / name for name in names]
+
+
+def test_the_table_that_a_laboratory_keeps(tmp_path):
+    """Numbers of runs for names of files, dates, remarks, and pressures that the heading calls gauge ones."""
+    files = make_shots(tmp_path, ["Strike_02.csv", "Strike_10.csv", "Strike_09.csv"])
+    rows = ["10;2026-10-03;4.5;250;", "9;2026-10-03;3.25;500;new cable", "2;2026-10-04;2;750;", "11;2026-10-04;9;100;"]
+    path = write(tmp_path / "table.csv",
+                 "\n".join(["Run;Date;Ball pressure (bar, gauge);Approach speed (mm/s);Remark", *rows]) + "\n")
+    campaign = import_tests(files, conditions=path, gauge=True, ambient="100 kPa")
+    assert list(campaign.conditions) == ["initial_pressure", "approach_speed"]
+    for key, pressure, speed in (("Strike_02", 3e5, 0.75), ("Strike_10", 5.5e5, 0.25), ("Strike_09", 4.25e5, 0.5)):
+        assert campaign.records.loc[key].to_dict() == pytest.approx(
+            {"initial_pressure": pressure, "approach_speed": speed})
+    with pytest.raises(InputError, match="--gauge"):
+        import_tests(files, conditions=path)
+
+
+@pytest.mark.parametrize("names, numbers", [
+    (["Strike_02.csv", "Strike_2.csv"], [2, 3]),  # two files of one number
+    (["Strike_02.csv", "Shot_03.csv"], [2, 3]),  # of two kinds
+    (["Strike_02.csv", "Strike_04.csv"], [2, 3]),  # one that is not there
+    (["Strike_02.csv", "Strike_03.csv"], [2, 3, 3]),  # one that is there twice
+    (["Strike_02.csv", "Strike_03.csv"], [2, 3, "Strike_02"]),  # names and numbers
+    (["strike.csv", "Strike_03.csv"], [2, 3]),
+])
+def test_numbers_that_do_not_tell_the_file(tmp_path, names, numbers):
+    files = make_shots(tmp_path, names)
+    path = write(tmp_path / "table.csv", "Run;p [MPa];v [m/s]\n" + "".join(f"{one};1;0.4\n" for one in numbers))
+    with pytest.raises(InputError, match="table.csv"):
+        import_tests(files, conditions=path)
+
+
 def test_conditions_table(tmp_path):
     for i in range(2):
         time, force = raw_trace(seed=i)

@@ -34,7 +34,8 @@ from ddetumble.selection.lack_of_fit import (
 from ddetumble.selection.problem import Fitted
 from ddetumble.selection.result import SettingShift
 from ddetumble.selection.settings import SelectionSettings
-from ddetumble.selection.verdict_facts import describe_level
+from ddetumble.selection.verdict_facts import describe_level, list_choices
+from tests.helpers_report import make_discovery
 
 
 RECORDS, ROWS, SHARED, OWN = 6, 40, 3, 2
@@ -821,3 +822,15 @@ def test_distributions_are_those_of_scipy(law, method, shapes):
     at = np.linspace(1e-9, 1.0, 99)[:-1] if method in ("ppf", "isf") else np.array([-2.0, 0.0, 1e-12, 0.3, 5.0, 700.0])
     own, theirs = (getattr(getattr(module, law), method)(at, *shapes) for module in (distributions, stats))
     np.testing.assert_array_equal(own, theirs)
+
+
+def test_a_verdict_names_the_effects_of_its_model_and_none_that_was_exchanged():
+    """Wall and dashpot came in for the viscoelastic wall, which was added first."""
+    found = make_discovery()
+    first, second, *_ = found.steps
+    doubt = {"heldout_difference": 1e-4, "standard_error": 3e-4}
+    steps = (first, dc.replace(second, added="viscoelastic-wall", effects=("viscoelastic-wall",), alternatives=()),
+             dc.replace(second, added="wall-stiffness", effects=("wall-stiffness", "viscous-dashpot"),
+                        alternatives=({"effect": "membrane-area", **doubt}, {"effect": "viscous-dashpot", **doubt})))
+    exchanged = dc.replace(found, steps=steps, effects=steps[-1].effects)
+    assert list_choices(exchanged) == [("wall-stiffness", ["membrane-area"]), ("viscous-dashpot", [])]

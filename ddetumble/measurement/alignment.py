@@ -168,8 +168,10 @@ def align_tests(tests: list[RawTest], plan: Plan, onset) -> tuple[dict[str, floa
         contacts = [(times[test.key], f"{times[test.key] * 1e3:.6g} ms") for test in tests]
         clock = float(np.median([np.median(np.diff(
             test.values["time"][np.isfinite(test.values["normal_force"])])) for test in tests])) / math.sqrt(12)
-        notes.append(f"The time origin was given; its uncertainty is due to the sampling, {clock * 1e3:.3g} ms.")
+        notes.append("The time origin was given; where no uncertainty is stated for the time, it is that of the "
+                     f"sampling, {clock * 1e3:.3g} ms.")
     squares, before, moving = {}, {}, []
+    told: dict[str, str] = {}
     for test, (start, contact) in zip(tests, contacts, strict=True):
         test.values["time"] = t = test.values["time"] - start
         shown = []
@@ -189,7 +191,10 @@ def align_tests(tests: list[RawTest], plan: Plan, onset) -> tuple[dict[str, floa
                     test.values[name] = values - offset
                     shown.append(f"{name} {offset:.4g} {si_unit(name)}")
         offset = f"offsets subtracted: {', '.join(shown)}" if shown else "no offset subtracted"
-        notes.append(f"Record {test.key}: contact begins at {contact} of the raw time; {offset}.")
+        told[test.key] = f"contact begins at {contact} of the raw time; {offset}."
+    same = len(told) > 1 and len(set(told.values())) == 1
+    notes += [f"Of every record {next(iter(told.values()))}"] if same else [
+        f"Record {key}: {text}" for key, text in told.items()]
     if "initial_pressure" not in plan.conditions and len(before) == len(tests):
         plan.add("initial_pressure", before, "Pa", "the pressure channel")
         notes.append("initial_pressure is the mean of the pressure channel before contact.")

@@ -22,7 +22,7 @@ _COMMON = {
     "time": "t time zeit temps tempo elapsedtime timestamp",
     "temperature": "temperature temp temperatur",
     "depression": "depression depth indentation compressiondepth eindrücktiefe eindringtiefe",
-    "pressure": "p pressure druck gaspressure innendruck",
+    "pressure": "p pressure druck gaspressure ballpressure fillpressure fillingpressure innendruck balldruck",
 }
 _COUNTERS = "repeats? repetition replicate replica wiederholung wdh essai".replace(" ", "|")
 

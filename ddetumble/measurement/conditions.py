@@ -10,7 +10,7 @@ from .layout import RawFile, split_heading
 from .quantities import join_words
 from .recordings import read_files, split_sheet
 from .tables import Table, convert_column, read_texts
-from .units import ROLES, check_unit, list_usual
+from .units import ROLES, check_unit, list_usual, strip_gauge
 
 
 LINKS = {"file": ("file", "filename", "datei", "fichier"), "record": ("record",)}  # headings of the test of a row
@@ -41,13 +41,17 @@ def _add_columns(plan: Plan, table: RawFile, path: Path, records: dict[str, str]
             links = {"record": name}
     if not links:
         raise InputError("the table needs a column named file or record, for the test of each row", file=path)
-    rows = _match(table, links, records)
     plan.notes += [f"The conditions were read from {path.name}.", *table.notes]
-    unused = len(table) - len(set(rows.values()))
+    rows = _match(table, links, records) or _match_numbers(plan, table, links, records)
+    if rows is None:
+        raise _miss_row(table, links, records)
+    unused = [table.lines[row] for row in sorted(set(range(len(table))) - set(rows.values()))]
     if unused:
-        belong = "1 row belongs" if unused == 1 else f"{unused} rows belong"
+        belong = f"row {unused[0]} belongs" if len(unused) == 1 else (
+            f"{len(unused)} rows ({', '.join(map(str, unused[:SHOWN]))}{', …' * (len(unused) > SHOWN)}) belong")
         plan.notes.append(f"In {path.name}, {belong} to no imported test.")
     given: dict[str, str] = {}
+    text: list[str] = []
     for column in table.columns:
         if column in links.values():
             continue
@@ -57,6 +61,9 @@ def _add_columns(plan: Plan, table: RawFile, path: Path, records: dict[str, str]
         # Headings that differ in their units alone are kept with these.
         role = guess_condition(split_heading(column)[0], plan.kind)
         name = role if role is not None and role in plan.kind.conditions else name_condition(column)
+        if name not in plan.kind.conditions and _is_text(table, column):
+            text.append(column)
+            continue
         if name in given:
             raise InputError(f"the headings {given[name]!r} and {column!r} both mean {name}; leave out one of the "
                              "columns", file=table.file, column=column)
@@ -64,6 +71,8 @@ def _add_columns(plan: Plan, table: RawFile, path: Path, records: dict[str, str]
         unit = plan.units.get(column) or plan.units.get(name) or table.units[column]
         unit = unit or ("1" if name == "sequence" else None)
         asked = "time" if name == "onset" else name
+        if unit and name == plan.kind.pressure and plan.ambient is not None:  # --gauge says the same
+            unit = strip_gauge(unit) or unit
         if unit is None:
             order = "; if it numbers the tests in the order in which they were made, name it sequence"
             raise InputError(f"the column has no unit: {ask_unit(column, asked, name)}"
@@ -74,6 +83,10 @@ def _add_columns(plan: Plan, table: RawFile, path: Path, records: dict[str, str]
         found = {key: float(values[row]) for key, row in rows.items()}
         plan.add(name, found, checked.si, path.name, places)
         plan.note_unit(name, checked.text)
+    if text:
+        one = len(text) == 1
+        plan.notes.append(f"The column{'' if one else 's'} {join_words(text)} of {path.name} hold{'s' * one} text, so "
+                          f"{'it is no condition and was' if one else 'they are no conditions and were'} left out.")
 
 
 def read_names(plan: Plan, pattern: str, records: dict[str, str]) -> None:
@@ -122,26 +135,73 @@ def _is_order(table: RawFile, column: str) -> bool:
     return sorted(values) == list(range(1, len(values) + 1))
 
 
-def _match(table: Table, links: dict[str, str], records: dict[str, str]) -> dict[str, int]:
-    """Row of the table for each record."""
-    rows, cells = {}, {link: [_unify(cell) for cell in read_texts(table, column)] for link, column in links.items()}
+def _is_text(table: Table, column: str) -> bool:
+    """Whether a column holds text (dates, remarks) and not a single number; an empty one holds none either."""
+    for cell in read_texts(table, column):
+        try:
+            float(cell.replace(",", "."))
+        except ValueError:
+            continue
+        return False
+    return True
+
+
+def _match(table: Table, links: dict[str, str], records: dict[str, str]) -> dict[str, int] | None:
+    """Row of the table for each record; None where one has none."""
+    rows = {key: found[0] for key, found in _look_up(table, links, records).items() if found}
+    return rows if len(rows) == len(records) else None
+
+
+def _match_numbers(plan: Plan, table: Table, links: dict[str, str], records: dict[str, str]) -> dict[str, int] | None:
+    """Row of the table for each record by the number that ends its name, where the table has nothing but numbers for
+    the tests and no record is in it by its name; None where that says it of one record only, or of two the same.
+    """
+    if len(links) > 1 or any(_look_up(table, links, records).values()):
+        return None
+    [column] = links.values()
+    cells = [re.fullmatch(r"0*(\d+)(?:\.0+)?", cell.strip()) for cell in read_texts(table, column)]
+    ends = {key: re.fullmatch(r"(.*?)0*(\d+)", key) for key in records}
+    if not all(cells) or not all(ends.values()) or len({one[1] for one in ends.values() if one}) > 1:
+        return None
+    numbered = {one[1]: row for row, one in enumerate(cells) if one}
+    rows = {key: numbered[one[2]] for key, one in ends.items() if one and one[2] in numbered}
+    if len(numbered) < len(cells) or len(rows) < len(records) or len(set(rows.values())) < len(rows):
+        return None
+    first, ordered = next(iter(rows)), any(name_condition(split_heading(one)[0]) == "sequence" for one in table.columns)
+    plan.notes.append(f"The rows of {column} were found by the number that ends a record's name: {first} is "
+                      f"{read_texts(table, column)[rows[first]].strip()}." + (not ordered) * (
+                          " If it is the order of the tests as well, a column `sequence` of the same numbers lets what "
+                          "changes from test to test be looked for."))
+    return rows
+
+
+def _look_up(table: Table, links: dict[str, str], records: dict[str, str]) -> dict[str, list[int]]:
+    """Rows of the table for each record, one at most."""
+    cells = {link: [_unify(cell) for cell in read_texts(table, column)] for link, column in links.items()}
+    rows: dict[str, list[int]] = {}
     single = len(set(records.values())) == 1
     for key, file in records.items():
         short = key.removeprefix(f"{Path(file).stem}-") if single else key  # a sheet or group by its own name
         names = {"file": (file, Path(file).name, Path(file).stem), "record": (key, short)}
-        found = [i for i in range(len(table)) if all(cells[link][i] in map(_unify, names[link]) for link in links)]
-        if len(found) > 1:
-            problem = f"record {key!r} already has a row on line {table.lines[found[0]]}; keep one"
-            raise InputError(problem, file=table.file, row=table.lines[found[1]])
-        if not found:
-            what = f"record {key!r}" + ("" if Path(file).stem == key else f" of {Path(file).name}")
-            there = dict.fromkeys(" ".join(filter(None, map(str, row))) for row in zip(*cells.values(), strict=True))
-            shown = ", ".join(list(there)[:SHOWN]) + (", …" if len(there) > SHOWN else "")
-            columns = "columns " * (len(links) > 1) + " and ".join(links.values())
-            raise InputError(f"{what} has no row; add one. Under {columns} stands {shown or 'nothing'}",
-                             file=table.file)
-        rows[key] = found[0]
+        rows[key] = [i for i in range(len(table)) if all(cells[link][i] in map(_unify, names[link]) for link in links)]
+        if len(rows[key]) > 1:
+            problem = f"record {key!r} already has a row on line {table.lines[rows[key][0]]}; keep one"
+            raise InputError(problem, file=table.file, row=table.lines[rows[key][1]])
     return rows
+
+
+def _miss_row(table: Table, links: dict[str, str], records: dict[str, str]) -> InputError:
+    """What to say of the first record without a row."""
+    found = _look_up(table, links, records)
+    key = next(key for key, rows in found.items() if not rows)
+    what = f"record {key!r}" + ("" if Path(records[key]).stem == key else f" of {Path(records[key]).name}")
+    cells = [read_texts(table, column) for column in links.values()]
+    there = dict.fromkeys(" ".join(filter(None, map(str, row))) for row in zip(*cells, strict=True))
+    shown = ", ".join(list(there)[:SHOWN]) + (", …" if len(there) > SHOWN else "")
+    columns = "columns " * (len(links) > 1) + " and ".join(links.values())
+    # Where no record is found, their names are written differently.
+    remedy = "add one" if any(found.values()) else "write the records' names there"
+    return InputError(f"{what} has no row; {remedy}. Under {columns} stands {shown or 'nothing'}", file=table.file)
 
 
 def _unify(name: str) -> str:

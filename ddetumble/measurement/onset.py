@@ -244,7 +244,7 @@ class _Rises:
                 _refuse(rise.label, "the force rises too little above its noise to determine the onset")
             before = rise.earlier + int(np.sum(rise.time < time[i]))
             if before < FEWEST_BEFORE:
-                _refuse(rise.label, f"there are only {before} samples before contact, too few to determine the onset")
+                _refuse(rise.label, f"the force seems to rise after {before} samples, too few to determine the onset")
 
     def scan(self, start: _Start) -> _Located:
         """Onsets by a search around the foot."""

@@ -23,7 +23,8 @@ ALIASES = {
     "bara": "bar", "psia": "psi", "Meter": "m", "Metre": "m", "Seconds": "s", "Second": "s", "Volt": "V", "Volts": "V",
     "mps": "m/s", "kph": "km/h", "usec": "us", "dps": "deg/s", "℃": "degC", "°C": "degC", "℉": "degF", "°F": "degF",
 }  # fmt: skip
-_GAUGE = {"barg", "psig", "bar(g)", "psi(g)", "mbarg", "kpag", "mpag", "barü", "bar_g"}
+_GAUGE = {"barg": "bar", "psig": "psi", "bar(g)": "bar", "psi(g)": "psi", "mbarg": "mbar", "kpag": "kPa", "mpag": "MPa",
+          "barü": "bar", "bar_g": "bar"}
 _PLAIN = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻·⋅×µ", "0123456789-***μ")
 # Units that most campaigns and scenarios are written in, by their spelling: scale and SI unit. Without these, every
 # command would spend half a second on starting pint.
@@ -118,9 +119,15 @@ def list_usual(quantity: str) -> tuple[str, ...]:
     return tuple(_USUAL.get(role_of(quantity) or "", "").split())
 
 
+def strip_gauge(text: str) -> str | None:
+    """The plain unit of one of a pressure above that around it, such as bar(g) or `bar, gauge`; None of any other."""
+    said = re.fullmatch(r"(.*?)[\s,;(]*\bgauge\)?", text.strip(), re.IGNORECASE)
+    return said[1] if said and said[1] else _GAUGE.get(text.casefold().replace(" ", ""))
+
+
 def is_gauge(text: str) -> bool:
     """Whether a unit is one of a pressure above that around it, such as bar(g)."""
-    return text.casefold().replace(" ", "") in _GAUGE
+    return strip_gauge(text) is not None
 
 
 @lru_cache(maxsize=512)

@@ -182,7 +182,7 @@ class Plan(AbstractPrinted):
                 plain=self.settings.errors.plan_for == "best",
                 turned=math.degrees(self.turned) if most == ["rates"] and self.turned > sizes["attitude"] else 0.0,
                 last=format_time(found.instants[-1], find_end(found)) if found.instants else "",
-                relaxed=[(one, _round_loosely(one.needed, one.needed > one.given)) for one in found.relaxations],
+                relaxed=[(one, round_loosely(one.needed, one.needed > one.given)) for one in found.relaxations],
                 axial=axial, sphere=axial and len(self.problem.debris.surface.find_pivots()) == 3, cheap=LEAST_PRICE),
             warn_of_extrapolation(self.ranges, self.impacts, self.problem.conditions)]
         return " ".join(str(one) for one in told if one)
@@ -345,7 +345,7 @@ def find_end(sequence: Sequence) -> float:
     return (sequence.instants[-1] if sequence.instants else 0.0) + AFTERWARDS
 
 
-def _round_loosely(value: float, up: bool) -> float:
+def round_loosely(value: float, up: bool) -> float:
     """Two digits, rounded so that what is allowed at `value` is allowed there too."""
     if value == 0.0:
         return 0.0

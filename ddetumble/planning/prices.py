@@ -16,7 +16,7 @@ from .._numerics import scalar
 from .constraints import CONSTRAINTS
 from .multistart import Place, evolve_designs, find_bounds
 from .problem import VARIABLES, Limits, StrikeProblem, allow_speed, score
-from .single import ALLOWED, LEAST_GAIN, LOST, ROUGH, StrikePlan, Tally, ask_scipy, descend
+from .single import ALLOWED, LEAST_GAIN, LOST, ROUGH, StrikePlan, Tally, ask_scipy, descend, plan_strike
 
 
 # By how much a limit is loosened to state its price: small against the limit, and a number that people can picture.
@@ -27,6 +27,7 @@ REACHED = 0.01
 STARTS, STEPS = 2, 80  # of designs that are refined for advice, and steps at most: cheaper than the plan's own search
 # Ratio of the limit under which they are refined to the one that closed forms see, which may err by that much.
 LOOSER = 1.5
+LOOKS = 3  # under limits looser by this factor each, where no design could be refined
 # Added to the worth of designs that violate something, far above any worth, so that all others come first.
 VIOLATED = 1e3
 ROUND = 1e-9  # of a scaled constraint, by which it may be missed: rounding, and no more
@@ -222,8 +223,9 @@ def _find_tightest(problem: StrikeProblem, limit: _Limit, loosest: float, seed: 
             over = over + np.maximum(LEAST_GAIN - (untouched - scores) / untouched, 0.0) / LEAST_GAIN
             over = over + np.maximum(-np.min(values[:, own], axis=1), 0.0)
             needed = limit.sign * limit.read(loosened, np.min(values[:, own], axis=1))
+            over = np.where(np.isfinite(over + needed), over, np.inf)  # nothing can be told of what cannot be computed
             worth = np.where(over > ROUND, VIOLATED * (1.0 + over), needed / max(abs(loosened), 1.0))
-            return np.where(np.isfinite(worth), worth, np.inf), np.where(over > ROUND, np.inf, needed)
+            return worth, np.where(over > ROUND, np.inf, needed)
 
         return judge
 
@@ -235,7 +237,14 @@ def _find_tightest(problem: StrikeProblem, limit: _Limit, loosest: float, seed: 
     loose = loosen(near)
     places = evolve_designs(loose, seed=seed, rank=rank(near)).pick(STARTS)
     found = [value for place in places if (value := _refine(loose, limit, near, untouched, place)) is not None]
-    return limit.sign * min(limit.sign * value for value in found) if found else None
+    if found:
+        return limit.sign * min(limit.sign * value for value in found)
+    # Closed forms erred, or a descent of two designs was too little: a whole search under limits that get looser.
+    for step in range(LOOKS):
+        value = limit.sign * min(limit.sign * loosest, limit.sign * near * LOOSER ** (limit.sign * step))
+        if plan_strike(loosen(value), seed=seed).worth:
+            return value
+    return None
 
 
 def _refine(loose: StrikeProblem, limit: _Limit, loosened: float, untouched: float, place: Place) -> float | None:

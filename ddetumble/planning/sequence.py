@@ -225,6 +225,10 @@ def plan_sequence(problem: StrikeProblem, share: float, most: int, *, starts: in
             if not impacts:
                 raise
             break
+        if plan.nearly or plan.missed:
+            tell("searching from other starts", math.nan)
+            plan = next((again for turn in range(1, 1 + FURTHER) if (again := _hurry(
+                now, min(find_turn(now), 1.0), starts, seed + len(impacts) + TURN * turn, near))), plan)
         if revise is not None and plan.allowed:
             plan = revise(now, plan)
         if not plan.worth:

@@ -30,6 +30,7 @@ STEPS = 40  # of the quadratic programme at most: it ends by itself well before,
 STARTS = 6  # of three, one seed in six ended 0.15 % behind another; of six, none of twelve did
 # Of the score, below which another impact is not worth its while: as little as the wanted share by default.
 LEAST_GAIN = 0.01
+NEARLY = 0.8  # of that, from which another search may find it: seeds differ by a tenth where optima are many and narrow
 FOUND = 0.9  # of the largest gain that closed forms see, which they must see at a plan; they err by a few per cent
 # Further searches, their starts over those of the first, and what their seeds differ by (a prime: no two coincide).
 WIDER, MORE, TURN = 2, 4, 1009
@@ -105,6 +106,11 @@ class StrikePlan:
     def worth(self) -> bool:
         """Whether it is allowed, and brings down what is wanted small by `LEAST_GAIN` or more."""
         return self.allowed and self.untouched - self.score >= LEAST_GAIN * self.untouched
+
+    @property
+    def nearly(self) -> bool:
+        """Whether it is not worth its while, by so little that another search may find one that is."""
+        return not self.worth and self.allowed and self.untouched - self.score >= NEARLY * LEAST_GAIN * self.untouched
 
     @property
     def missed(self) -> bool:

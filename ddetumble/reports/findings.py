@@ -78,7 +78,9 @@ def _list_facts(discovery: Discovery) -> list[tuple[str, str, str]]:
     facts.append(("χ² per degree of freedom", compare("chi2_reduced", format_number),
                   "1 if only noise is left; shifts of settings count" if moved else "1 if only noise is left"))
     fit = last.lack_of_fit
-    facts.append(("misfit left", "yes" if fit.rejected else "none detected", say_p(fit.p_value)))
+    # Of a verdict that calls the model complete, what is left was found to be no force of any variable.
+    left = "noise or settings" if discovery.verdict == "explained" else "yes"
+    facts.append(("misfit left", left if fit.rejected else "none detected", say_p(fit.p_value)))
     return facts
 
 

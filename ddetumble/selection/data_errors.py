@@ -229,8 +229,12 @@ def _try_conditions(selection: SelectionProblem, aside: Aside) -> Hypotheses:
                                     "Check the trigger, or determine the onset of that record again.")
         else:
             value = float(selection.campaign.records[name].iloc[r])
-            yield misfit, Diagnosis("setting", name, f"It fits if its {name} was {value + change:.4g} {si_unit(name)}, "
-                                    f"not {value:.4g}.", "Check what was set in that test.")
+            exact = selection.campaign.conditions[name].uncertainty is None
+            yield misfit, Diagnosis(
+                "setting", name, f"It fits if its {name} was {value + change:.4g} {si_unit(name)}, not {value:.4g}.",
+                "Check what was set in that test" + exact * (
+                    ", or state how uncertain that is (`ddetumble import --uncertainty`): without it a small error "
+                    "counts in full") + ".")
 
 
 def find_rate_units(campaign: Campaign, settings: OutlierSettings = DEFAULT.outliers) -> tuple[Fault, ...]:

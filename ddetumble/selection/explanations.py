@@ -36,13 +36,15 @@ Makers = tuple[Callable[[], Fit], ...]
 
 
 def list_added(steps: Sequence[FittedStep]) -> Added:
-    """Every effect that steps add, and those that it could not be told from and that are not among the effects."""
-    named, found = {*steps[-1].fitted.effects}, []
+    """Every effect of the last of some steps, and those that it could not be told from when it was added and that are
+    not among the effects.
+    """
+    named, others = {*steps[-1].fitted.effects}, {}
     for before, step in itertools.pairwise(steps):
         effects = step.fitted.effects
         added = next((e for e in effects if e not in before.fitted.effects), effects[-1])
-        found.append((added, tuple(sorted({effect for effect, _, _ in step.alternatives} - named))))
-    return tuple(found)
+        others[added] = {effect for effect, _, _ in step.alternatives} - named
+    return tuple((effect, tuple(sorted(others.get(effect, ())))) for effect in steps[-1].fitted.effects)
 
 
 def list_explanations(path: Path, steps: Sequence[FittedStep], biases: Sequence[SettingBias], sufficient: Sequence[str],

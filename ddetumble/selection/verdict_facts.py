@@ -64,10 +64,12 @@ def _level(step: Step, found: Discovery) -> dict[str, Any]:
 
 
 def list_choices(found: Discovery) -> list[tuple[str, list[str]]]:
-    """Every effect that was added, and those that the campaign cannot tell from it and that are not named anyway."""
+    """Every effect of the model, and those that the campaign cannot tell from it and that are not named anyway. One
+    that was exchanged for another is none of the model's, whatever the step at which it was added said of it.
+    """
     named = set(found.effects)
-    return [(str(step.added), sorted({str(one["effect"]) for one in step.alternatives} - named))
-            for step in found.steps[1:]]
+    others = {str(step.added): {str(one["effect"]) for one in step.alternatives} for step in found.steps[1:]}
+    return [(effect, sorted(others.get(effect, set()) - named)) for effect in found.effects]
 
 
 def _list_allowed(found: Discovery) -> dict[str, Any]:
