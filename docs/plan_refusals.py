@@ -104,8 +104,8 @@ def tell(rows: list[dict]) -> str:
         f"- At the value named an impact was found in {held} of {sum(len(row['at named']) for row in named)} plans, "
         f"from {1 + len(SEEDS)} seeds each.",
         f"- With the limit {100 * CLOSE:.0f} % tighter than needed by the page, {len(near)} of {len(named)} plans "
-        f"refused again; an impact was found, so that more was named than needed, in {loose}. Of those that refused without "
-        "calling it a failure of the search, another seed or more starts found an impact in "
+        f"refused again; an impact was found, so that more was named than needed, in {loose}. Of those that refused "
+        "without calling it a failure of the search, another seed or more starts found an impact in "
         f"{len(surprised)} {surprised or ''}".rstrip() + ".\n",
     ])
 

@@ -23,6 +23,7 @@ ALIASES = {
     "bara": "bar", "psia": "psi", "Meter": "m", "Metre": "m", "Seconds": "s", "Second": "s", "Volt": "V", "Volts": "V",
     "mps": "m/s", "kph": "km/h", "usec": "us", "dps": "deg/s", "℃": "degC", "°C": "degC", "℉": "degF", "°F": "degF",
 }  # fmt: skip
+ROUNDING = 1e-12  # s, below which a time is nought but for rounding
 _GAUGE = {"barg": "bar", "psig": "psi", "bar(g)": "bar", "psi(g)": "psi", "mbarg": "mbar", "kpag": "kPa", "mpag": "MPa",
           "barü": "bar", "bar_g": "bar"}
 _PLAIN = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻·⋅×µ", "0123456789-***μ")
@@ -302,4 +303,4 @@ def choose_time_unit(longest: float) -> tuple[str, float]:
 def format_time(time: float, longest: float | None = None) -> str:
     """A time [s] in the unit of those up to `longest` [s], such as `3600 s`; a duration by itself in its own."""
     unit, factor = choose_time_unit(abs(time) if longest is None else longest)
-    return f"{time * factor:.4g} {unit}"
+    return f"{time * factor if abs(time) > ROUNDING else 0.0:.4g} {unit}"

@@ -288,6 +288,9 @@ def plan_scenario(scenario: Scenario, here: Path, path: Path | None = None, *, p
         laws = pose_laws(scenario, here)
         problem = pose_problem(scenario, here, laws)
         contacts, doubts = find_contacts(scenario, here), check_scenario(scenario, here)
+    if progress is not None:  # before minutes are spent on a wrong unit
+        for doubt in doubts:
+            progress(str(doubt), math.nan)
     goal, table = scenario.goal, scenario.uncertainty
     settings = PlanSettings(goal.impacts, goal.share, goal.least, starts=scenario.starts, seed=scenario.seed,
                             within=scenario.limits.within, chaser_mass=scenario.arm.chaser_mass,

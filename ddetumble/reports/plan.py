@@ -52,7 +52,7 @@ CHEAP = 1e-6  # of the goal, N s or s, below which nothing is gained by a looser
 GAINS = {"share": ("the momentum left", "points", 100.0), "impulse": ("the sum of all impulses", "N s", 1.0),
          "time": ("the time until the last separation", "s", 1.0)}
 OUTCOME = ("momentum left, mean [%]", "95 % of draws below [%]", "more than before [%]", "missed [%]",
-           "limits violated [%]")
+           "force, depression or face exceeded [%]")
 # Unit in which errors are shown, and its number in SI.
 UNITS = {"instant": ("s", 1.0), "place": ("mm", 1e3), "direction": ("°", 180.0 / np.pi), "speed": ("%", 100.0),
          "rates": ("%", 100.0), "attitude": ("°", 180.0 / np.pi), "inertia": ("%", 100.0), "centre": ("mm", 1e3)}
@@ -335,7 +335,10 @@ def _show_problem(plan: Plan) -> Section:
     problem, limits, goal = plan.problem, plan.problem.limits, plan.problem.goal
     debris, rates = problem.debris, np.asarray(problem.angular_velocity)
     inertia = np.asarray(debris.inertia)
-    moments, turn = np.linalg.eigvalsh(inertia), float(np.linalg.norm(rates))
+    turn = float(np.linalg.norm(rates))
+    moments = np.diag(inertia)
+    own = np.allclose(inertia, np.diag(moments), atol=1e-9 * float(np.max(moments)))  # else they say nothing
+    moments = moments if own else np.linalg.eigvalsh(inertia)
     faces = debris.surface.face_names()
     allowed = ", ".join(faces[k] for k in list_faces(problem)[:6]) + (", ..." if len(list_faces(problem)) > 6 else "")
     area = "" if np.isinf(float(limits.radius)) else (
@@ -348,7 +351,8 @@ def _show_problem(plan: Plan) -> Section:
     rows = [
         ["debris", "shape", _describe_shape(debris.surface)],
         ["debris", "mass", f"{float(debris.mass):.4g} kg"],
-        ["debris", "principal moments of inertia", f"{', '.join(f'{one:.4g}' for one in moments)} kg m²"],
+        ["debris", "moments of inertia about body x, y, z" if own else "principal moments of inertia",
+         f"{', '.join(f'{one:.4g}' for one in moments)} kg m²"],
         *([["debris", "centre of mass, from that of uniform density",
             f"({_join(np.asarray(debris.surface.centre))}) m"]]
           if isinstance(debris.surface, OffsetSurface) else []),
