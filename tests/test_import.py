@@ -222,6 +222,10 @@ def test_the_table_that_a_laboratory_keeps(tmp_path):
             {"initial_pressure": pressure, "approach_speed": speed})
     with pytest.raises(InputError, match="--gauge"):
         import_tests(files, conditions=path)
+    # A number with its unit in the cell is no remark: it is asked about, and not left out.
+    write(path, path.read_text().replace("Remark", "Pad").replace("new cable", "4 mm"))
+    with pytest.raises(InputError, match="Pad"):
+        import_tests(files, conditions=path, gauge=True, ambient="100 kPa")
 
 
 @pytest.mark.parametrize("names, numbers", [

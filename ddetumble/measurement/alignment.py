@@ -193,7 +193,7 @@ def align_tests(tests: list[RawTest], plan: Plan, onset) -> tuple[dict[str, floa
         offset = f"offsets subtracted: {', '.join(shown)}" if shown else "no offset subtracted"
         told[test.key] = f"contact begins at {contact} of the raw time; {offset}."
     same = len(told) > 1 and len(set(told.values())) == 1
-    notes += [f"Of every record {next(iter(told.values()))}"] if same else [
+    notes += [f"In every record {next(iter(told.values()))}"] if same else [
         f"Record {key}: {text}" for key, text in told.items()]
     if "initial_pressure" not in plan.conditions and len(before) == len(tests):
         plan.add("initial_pressure", before, "Pa", "the pressure channel")

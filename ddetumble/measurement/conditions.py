@@ -10,7 +10,7 @@ from .layout import RawFile, split_heading
 from .quantities import join_words
 from .recordings import read_files, split_sheet
 from .tables import Table, convert_column, read_texts
-from .units import ROLES, check_unit, list_usual, strip_gauge
+from .units import ROLES, check_unit, list_usual, parse_unit, strip_gauge
 
 
 LINKS = {"file": ("file", "filename", "datei", "fichier"), "record": ("record",)}  # headings of the test of a row
@@ -61,14 +61,14 @@ def _add_columns(plan: Plan, table: RawFile, path: Path, records: dict[str, str]
         # Headings that differ in their units alone are kept with these.
         role = guess_condition(split_heading(column)[0], plan.kind)
         name = role if role is not None and role in plan.kind.conditions else name_condition(column)
-        if name not in plan.kind.conditions and _is_text(table, column):
+        unit = plan.units.get(column) or plan.units.get(name) or table.units[column]
+        if not unit and name not in plan.kind.conditions and _is_text(table, column):
             text.append(column)
             continue
         if name in given:
             raise InputError(f"the headings {given[name]!r} and {column!r} both mean {name}; leave out one of the "
                              "columns", file=table.file, column=column)
         given[name] = column
-        unit = plan.units.get(column) or plan.units.get(name) or table.units[column]
         unit = unit or ("1" if name == "sequence" else None)
         asked = "time" if name == "onset" else name
         if unit and name == plan.kind.pressure and plan.ambient is not None:  # --gauge says the same
@@ -85,8 +85,8 @@ def _add_columns(plan: Plan, table: RawFile, path: Path, records: dict[str, str]
         plan.note_unit(name, checked.text)
     if text:
         one = len(text) == 1
-        plan.notes.append(f"The column{'' if one else 's'} {join_words(text)} of {path.name} hold{'s' * one} text, so "
-                          f"{'it is no condition and was' if one else 'they are no conditions and were'} left out.")
+        plan.notes.append(f"The column{'' if one else 's'} {join_words(text)} of {path.name} hold{'s' * one} no "
+                          f"numbers, so {'it is no condition and was' if one else 'they are no conditions and were'} left out.")
 
 
 def read_names(plan: Plan, pattern: str, records: dict[str, str]) -> None:
@@ -136,13 +136,15 @@ def _is_order(table: RawFile, column: str) -> bool:
 
 
 def _is_text(table: Table, column: str) -> bool:
-    """Whether a column holds text (dates, remarks) and not a single number; an empty one holds none either."""
+    """Whether a column holds text (dates, remarks) and not a single number, with or without a unit; or nothing."""
     for cell in read_texts(table, column):
-        try:
-            float(cell.replace(",", "."))
-        except ValueError:
-            continue
-        return False
+        begin = re.match(r"\s*[-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?", cell)
+        if begin:
+            try:
+                parse_unit(cell[begin.end():] or "1")
+            except InputError:
+                continue
+            return False
     return True
 
 

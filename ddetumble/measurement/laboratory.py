@@ -450,7 +450,7 @@ def _assemble(tests: list[RawTest], plan: Plan, options: dict, noise: dict[str, 
     stated: dict[str, dict[str, Uncertainty]] = {}
     for option, texts in options.items():
         pairs = {expand_role(name, kind): text for name, text in read_pairs(option, texts).items()}
-        if "pressure" in pairs and "pressure" not in units:  # no channel is meant
+        if "pressure" in pairs and "pressure" not in units and kind.pressure:  # no channel is meant
             pairs = {kind.pressure: pairs.pop("pressure")} | pairs
         if "angular_velocity" in pairs and kind.rates:  # of all three axes
             pairs = dict.fromkeys(kind.rates, pairs.pop("angular_velocity")) | pairs
