@@ -85,8 +85,9 @@ def _add_columns(plan: Plan, table: RawFile, path: Path, records: dict[str, str]
         plan.note_unit(name, checked.text)
     if text:
         one = len(text) == 1
-        plan.notes.append(f"The column{'' if one else 's'} {join_words(text)} of {path.name} hold{'s' * one} no "
-                          f"numbers, so {'it is no condition and was' if one else 'they are no conditions and were'} left out.")
+        why = "it is no condition and was" if one else "they are no conditions and were"
+        plan.notes.append(f"The column{'' if one else 's'} {join_words(text)} of {path.name} hold{'s' * one} no numbers, "
+                          f"so {why} left out.")
 
 
 def read_names(plan: Plan, pattern: str, records: dict[str, str]) -> None:

@@ -443,7 +443,8 @@ def _show_errors(plan: Plan) -> Section:
                 planned=WORDS[plan.settings.errors.plan_for] if plan.settings.errors.plan_for != "best" else "",
                 chaser=plan.settings.chaser_mass, count=len(impulses), outliers=outliers,
                 recoil=1e3 * np.linalg.norm(impulses[0]), recoils=1e3 * np.linalg.norm(impulses.sum(axis=0)))
-    tables = [Table(["error of", "standard deviation", *OUTCOME], rows, "The first impact.")]
+    tables = [Table(["error of", "standard deviation", *OUTCOME], rows, "The first impact." + bool(plan.after) * (
+        " Its draws are others than those of the table below, so that both differ by chance."))]
     if plan.after:
         tables.append(Table(
             ["impact", "as planned [%]", *OUTCOME, "drift given to the body [mm/s]"],
