@@ -86,8 +86,8 @@ def _add_columns(plan: Plan, table: RawFile, path: Path, records: dict[str, str]
     if text:
         one = len(text) == 1
         why = "it is no condition and was" if one else "they are no conditions and were"
-        plan.notes.append(f"The column{'' if one else 's'} {join_words(text)} of {path.name} hold{'s' * one} no numbers, "
-                          f"so {why} left out.")
+        plan.notes.append(f"The column{'' if one else 's'} {join_words(text)} of {path.name} hold{'s' * one} no "
+                          f"numbers, so {why} left out.")
 
 
 def read_names(plan: Plan, pattern: str, records: dict[str, str]) -> None:
