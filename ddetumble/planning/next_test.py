@@ -387,7 +387,8 @@ def _explain(found: Design, question: Question) -> Design:
     sensors = sorted({e.id for one in question.rivals for e in one.space.effects if e.stage in MEASURING})
     sentence = say("plan.next_test", rivals=found.rivals, verdict=found.verdict, best=best,
                    test=describe_test(best, found.limits), more=find_family(found.family).plan.added, most=MOST,
-                   decisive=DEFAULT.decisive, little=LITTLE, reason=found.reason, records=question.records,
+                   decisive=DEFAULT.decisive, little=LITTLE, reason=found.reason, few=question.reason == "conditions",
+                   records=question.records,
                    lacking=found.verdict in OPEN or (found.verdict == "fit" and question.rivals[0].misfit is not None),
                    sensors=sensors if len(found.rivals) > 1 else [],
                    calibrations=[(describe_quantity(one.setting).name, one.bias > 0, abs(one.bias), one.needed)
