@@ -43,7 +43,8 @@ SHOWN = 0.02  # share of the momentum from which an arrow of what is left can be
 WORDS = {
     "best": "The impacts are planned for the best estimate.",
     "mean": "The impacts are planned for the mean over the draws, and every limit holds for the mean over its own "
-            "worst share of them.",
+            "worst share of them. That may leave more than the plan for the best estimate, which passes limits in "
+            "some draws.",
     "tail": "The impacts are planned for the mean over the worst share of the draws, and every limit holds for the "
             "mean over its own worst share.",
 }
