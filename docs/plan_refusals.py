@@ -81,6 +81,12 @@ def study(number: int) -> dict[str, Any]:
     return row | {"seconds": round(time.perf_counter() - began, 1)}
 
 
+def list_runs(numbers: list[int]) -> list[tuple[int, int]]:
+    """First and count of every run of consecutive numbers."""
+    starts = [number for number in numbers if number - 1 not in numbers]
+    return [(start, next(k for k in range(1, len(numbers) + 1) if start + k not in numbers)) for start in starts]
+
+
 def tell(rows: list[dict]) -> str:
     """The page."""
     asked = [row for row in rows if row["refused"]]
@@ -95,12 +101,13 @@ def tell(rows: list[dict]) -> str:
                  and any(row["tighter"]["others"])]
     return "\n".join([
         "# Plans that say that nothing can be done\n", __doc__.split("\n\n", 2)[2],
-        "Made by\n", f"    python -m docs.plan_refusals -o fits/plan-refusals --scenarios {len(rows)}\n",
+        "Made by\n", *(f"    python -m docs.plan_refusals -o fits/plan-refusals --first {first} --scenarios {count}\n"
+                       for first, count in list_runs([row["scenario"] for row in rows])),
         f"- Refused: {len(asked)} of {len(rows)} scenarios; in {len(asked) - len(flat)} of them the page says that the "
         "search, and not physics, found nothing.",
         f"- Of the other {len(flat)}, scenarios in which another seed or more starts found an impact: "
         f"{len(wrong)} {wrong or ''}".rstrip() + ".",
-        f"- The limit that was tightened is named with a value in {len(named)} of {len(flat)}; not in {without}.",
+        f"- The limit that was tightened is named with a value in {len(named)} of {len(flat)}{f'; not in {without}' if without else ''}.",
         f"- At the value named an impact was found in {held} of {sum(len(row['at named']) for row in named)} plans, "
         f"from {1 + len(SEEDS)} seeds each.",
         f"- With the limit {100 * CLOSE:.0f} % tighter than needed by the page, {len(near)} of {len(named)} plans "
