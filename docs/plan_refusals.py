@@ -107,7 +107,8 @@ def tell(rows: list[dict]) -> str:
         "search, and not physics, found nothing.",
         f"- Of the other {len(flat)}, scenarios in which another seed or more starts found an impact: "
         f"{len(wrong)} {wrong or ''}".rstrip() + ".",
-        f"- The limit that was tightened is named with a value in {len(named)} of {len(flat)}{f'; not in {without}' if without else ''}.",
+        f"- The limit that was tightened is named with a value in {len(named)} of {len(flat)}"
+        f"{f'; not in {without}' if without else ''}.",
         f"- At the value named an impact was found in {held} of {sum(len(row['at named']) for row in named)} plans, "
         f"from {1 + len(SEEDS)} seeds each.",
         f"- With the limit {100 * CLOSE:.0f} % tighter than needed by the page, {len(near)} of {len(named)} plans "
