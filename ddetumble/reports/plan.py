@@ -521,4 +521,4 @@ def _show(value: float, places: int, digits: int = 3) -> str:
 def _join(vector) -> str:
     """Components of a vector, all to the places that give its largest three digits, and three at least."""
     places = len(_show(max(map(abs, vector)), 3).partition(".")[2])
-    return ", ".join(f"{x:.{places}f}" for x in vector).replace("-", "−")
+    return ", ".join(f"{x:z.{places}f}" for x in vector).replace("-", "−")
