@@ -11,7 +11,6 @@ which is left out here).
 """
 
 import argparse
-import copy
 import json
 import time
 from pathlib import Path
@@ -59,7 +58,7 @@ def study(number: int) -> dict[str, Any]:
     """One scenario: refused, asked again, loosened to what the page names, and tightened a little from there."""
     began = time.perf_counter()
     table, key, factor, above = LIMITS[(number + number // len(LIMITS)) % len(LIMITS)]
-    content = copy.deepcopy(draw_scenario(number))
+    content = draw_scenario(number)
     row: dict[str, Any] = {"scenario": number, "limit": f"{table}.{key}", "given": content[table][key], "refused": None}
     for _ in range(TURNS):
         content[table][key] *= factor
