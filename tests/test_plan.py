@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial import ConvexHull
 
 import ddetumble as dd
-from ddetumble import Ball, CoulombFriction, InputError, PowerLaw, RubberFriction, find_data
+from ddetumble import Ball, ComputationError, CoulombFriction, InputError, PowerLaw, RubberFriction, find_data
 from ddetumble._rotation import rotate
 from ddetumble.cli import main
 from ddetumble.contact import Striker
@@ -21,6 +21,7 @@ from ddetumble.dynamics.bodies import Box, Sphere
 from ddetumble.dynamics.surfaces import make_debris
 from ddetumble.effects.oblique import TangentialCompliance
 from ddetumble.inference.archive import load
+from ddetumble.planning import sequence
 from ddetumble.planning.closed_form import screen
 from ddetumble.planning.constraints import CONSTRAINTS, evaluate, evaluate_slopes
 from ddetumble.planning.measured import MeasuredRange, confine, find_contacts, find_measured_ranges, list_extrapolations
@@ -303,6 +304,20 @@ def test_a_wider_limit_makes_no_plan_worse():
     assert max(scores[1:]) <= scores[0] * (1 + 1e-4)
     deeper = [plan_strike(pose([0.05, 0.02, 0.03], 0.2, force=76.0, depression=d)).score for d in (0.007, 0.03)]
     assert deeper[1] <= deeper[0] * (1 + 1e-4)
+
+
+def test_a_further_search_that_cannot_be_integrated_loses_nothing(monkeypatch):
+    """Where searches from other seeds fail, the impact that the first one found stands."""
+    problem, first = pose([0.05, 0.02, 0.03], 0.2), plan_sequence
+
+    def fail_from_other_seeds(*given, seed, **options):
+        if seed:
+            raise ComputationError("no start can be integrated")
+        return first(*given, seed=seed, **options)
+
+    monkeypatch.setattr(sequence, "plan_sequence", fail_from_other_seeds)
+    found = plan_together(problem, 0.0, 1, starts=2)
+    assert not found.reached and len(found.impacts) == 1 and found.left < 0.9
 
 
 def test_a_search_that_failed_is_told_from_what_cannot_be_done(flat, tmp_path):

@@ -9,10 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
-from scipy import optimize, stats
+from scipy import interpolate, optimize, stats
 
 import ddetumble as dd
 from ddetumble.measurement.campaign import Column, Uncertainty
+from ddetumble.selection.coefficient import trace_coefficients
 
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -139,6 +140,35 @@ def test_deviations(noisy):
     sd = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose([p.sd for p in noisy.parameters.values()], sd, rtol=1e-2)
     np.testing.assert_allclose(noisy.correlations, covariance / np.outer(sd, sd), atol=1e-2)
+
+
+def test_band_of_the_coefficient(noisy):
+    """The band of mu(s) is that of scipy's linear theory, J C J^T, about the curve that scipy finds."""
+    found, [curve] = refit(noisy), trace_coefficients(noisy).curves
+    sd = SD * np.sqrt(np.einsum("ij,jk,ik->i", found.jac, np.linalg.inv(found.jac.T @ found.jac), found.jac))
+    measured = noisy.source.samples["tangential_force"].to_numpy() / 28.0
+    mean, width = (interpolate.CubicSpline(curve.along, y)(SLIPS * 1e-3)
+                   for y in (curve.mean, curve.high - curve.low))
+    np.testing.assert_allclose(mean, measured + SD * found.fun, atol=1e-6)
+    np.testing.assert_allclose(width, 2.0 * stats.norm.ppf(0.975) * sd, rtol=0.02, atol=1e-8)
+    np.testing.assert_allclose(curve.measured, measured)
+
+
+@pytest.mark.slow
+def test_band_of_a_posterior(noisy):
+    """Where the records determine the curve, draws leave the band of linear theory."""
+    [curve], [drawn] = (trace_coefficients(one).curves for one in (noisy, dd.sample(noisy, effective=400, seed=1)))
+    np.testing.assert_allclose(drawn.high - drawn.low, curve.high - curve.low, rtol=0.3)
+    assert np.all(np.abs(drawn.mean - curve.mean) <= 0.25 * (curve.high - curve.low) + 1e-12)
+
+
+def test_which_records_have_a_band():
+    """Those at the lowest, a middle and the highest load; one where there is one; none of values, or of other kinds."""
+    curve = follow_eq_9(SLIPS, *list_coefficients(10.0))
+    many = dd.fit(make_campaign(dict.fromkeys((20.0, 5.0, 28.0, 10.0, 15.0), curve)), "eq10",
+                  fixed=HELD | {"sum_0": -0.1}, noise="stated")
+    assert [one.record for one in trace_coefficients(many).curves] == ["r1", "r4", "r2"]
+    assert trace_coefficients(dd.fit("impact-a", noise="stated")) is None
 
 
 @pytest.mark.slow

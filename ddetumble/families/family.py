@@ -57,6 +57,14 @@ class Starts(NamedTuple):
     inputs: dict[str, np.ndarray]  # of `Family.lay_inputs` for these records
 
 
+class Ratio(NamedTuple):
+    """A coefficient that is drawn beside a fit: what a channel is, measured by a condition of its record."""
+
+    name: str  # in words
+    channel: str
+    load: str  # the condition
+
+
 class Span(NamedTuple):
     """A stretch of a record, after `low` up to `high`, over which a missing force is smooth: `splines` of them do."""
 
@@ -177,6 +185,7 @@ class Family:
         values: channels of which a test gives one number, such as its rebound speed. A campaign may hold these alone.
         jumping: channels that may jump at first touch, as friction does, or the force of a dashpot.
         place_values: where in a record its values stand, in its independent variable, from a table of them.
+        ratio: coefficient that its records are spoken of in, such as that of friction; None where there is none.
     """
 
     name: str
@@ -216,6 +225,7 @@ class Family:
     values: tuple[str, ...] = ()
     jumping: tuple[str, ...] = ()
     place_values: Callable[[Any], float] = lambda table: 0.0
+    ratio: Ratio | None = None
 
     @property
     def effects(self) -> tuple[type[AbstractEffect], ...]:

@@ -21,7 +21,7 @@ from ..effects.free import SLIP_GROUND
 from ..measurement import kinds
 from ..measurement.campaign import Campaign
 from ..reference_models import SLIP_MODELS
-from .family import SPLINES, Family, Observation, Path, PlannedTests, Span, View
+from .family import SPLINES, Family, Observation, Path, PlannedTests, Ratio, Span, View
 
 
 VALUES = ("peak_friction_force",)  # of which a stroke gives one
@@ -189,4 +189,5 @@ SLIP = Family(
     follow=follow_slip,
     guess_starts=guess_starts,
     values=VALUES,
+    ratio=Ratio("coefficient of friction", "tangential_force", "normal_load"),
 )

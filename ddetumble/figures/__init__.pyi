@@ -1,5 +1,6 @@
 """Public names of figures and where they live."""
 
+from .fit import draw_coefficients as draw_coefficients
 from .fit import draw_fit as draw_fit
 from .fit import draw_prediction as draw_prediction
 from .fit import draw_records as draw_records

@@ -7,10 +7,12 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 import pandas as pd
 from matplotlib.ticker import MaxNLocator
+from scipy.interpolate import CubicSpline
 
 from ..measurement.campaign import Campaign
 from ..measurement.quantities import Quantity, clean, describe_conditions, describe_quantity, shorten_names, vary
 from ..measurement.units import si_unit
+from ..selection.coefficient import Coefficients
 from ..selection.compare import Comparisons
 from ..selection.result import Trace
 from ..selection.text import choose_view
@@ -296,6 +298,43 @@ def _draw_predicted_values(table, settings: Mapping[str, Mapping[str, float]], c
         axes.set_ylabel(shown.label)
     panels[-1].set_xlabel(along.label if along else "record")
     head_figure(figure, handles[::-1], ["mean, ± 2 sd", "± 2 sd of a new measurement"])
+    return figure
+
+
+@styled
+def draw_coefficients(found: Coefficients, narrow: bool = False):
+    """A coefficient over the independent variable, one panel a record: measured, and the model with its band.
+
+    Args:
+        found: of the records.
+        narrow: whether the panels stand below one another.
+    """
+    curves = found.curves
+    count, columns = len(curves), 1 if narrow else len(curves)
+    width, height = (NARROW, 2.5 * count) if narrow else (max(WIDTH * columns / 3, 4.5), 3.0)
+    figure = new_figure(0.7 + height, width)
+    panels = figure.subplots(2 * count // columns, columns, sharex=True, squeeze=False,
+                             height_ratios=[2, 1] * (count // columns))
+    pairs = panels.reshape(-1, 2).tolist() if narrow else panels.T.tolist()
+    shown = describe_quantity(found.along, np.concatenate([curve.along for curve in curves]))
+    names = vary(curve.conditions for curve in curves)
+    short = shorten_names((curve.record for curve in curves), KEY)
+    for (axes, lower), curve in zip(pairs, curves, strict=True):
+        x, there = shown.scale * curve.along, shown.scale * curve.measured_along
+        rest = curve.measured - CubicSpline(curve.along, curve.mean)(curve.measured_along)
+        for where, values, middle in ((axes, curve.measured, 0.0), (lower, rest, curve.mean)):
+            dress(where).plot(there, values, ".", color=BEFORE, ms=2.5, alpha=0.5, lw=0)
+            where.fill_between(x, curve.low - middle, curve.high - middle, color=AFTER, alpha=0.3, lw=0)
+            where.plot(x, curve.mean - middle, color=AFTER, lw=1.2)
+            where.sharey(pairs[0][where is lower])
+            where.set_ylabel(("difference" if where is lower else found.name) if narrow or axes is pairs[0][0] else "")
+        title = f"{short[curve.record]}   {describe_conditions(curve.conditions, names[:3])}"
+        axes.set_title(wrap_text(title, width / columns - 0.6, 9), fontsize=9)
+        lower.set_xlabel(shown.label if not narrow or axes is pairs[-1][0] else "")
+    keys = [(key_line(AFTER, 1.2), "model"), (key_band(AFTER, 0.3, lw=None), "its 95 % interval")]
+    if any(curve.measured.size for curve in curves):
+        keys.insert(0, (key_dot(BEFORE, 4), "measured"))
+    head_figure(figure, [handle for handle, _ in keys], [word for _, word in keys])
     return figure
 
 

@@ -438,20 +438,28 @@ def plan_together(problem: StrikeProblem, share: float, most: int, *, aim: Aim =
         alone = plan_sequence(problem, share, most, starts=starts, seed=seed, part=part, progress=progress)
         return improve(alone) if 0 < len(alone.impacts) <= TOGETHER else alone
 
+    def repeat(look: Callable[..., Sequence], *given) -> list[Sequence]:
+        """Another search; none where no start of it can be integrated, as there is a sequence already."""
+        try:
+            return [look(*given)]
+        except ComputationError:
+            return []
+
     best = search(seed)
     if revise is None and not best.reached and 0 < len(best.impacts) <= TOGETHER:
         if most > 1:
             tell("searching with shorter waits", math.nan)
             parts = [*WINDOWS, *([once] * WITHIN_TURN if (once := find_turn(problem)) < min(WINDOWS) else [])]
-            hurried = [hurry(seed + TURN * turn, part) for turn, part in enumerate(parts, FURTHER + 1)]
+            hurried = [again for turn, part in enumerate(parts, FURTHER + 1)
+                       for again in repeat(hurry, seed + TURN * turn, part)]
             best = min([best, *hurried], key=lambda one: (len(one.impacts), 0.0) if one.reached else
                        (math.inf, one.left))
         for turn in range(1, 1 + (FURTHER if most > 1 else FURTHER_ALONE)):
             if best.reached:
                 break
             tell("searching from other starts", math.nan)
-            again = search(seed + TURN * turn)
-            best = again if again.reached or again.left < best.left else best
+            for again in repeat(search, seed + TURN * turn):
+                best = again if again.reached or again.left < best.left else best
     if revise is not None or not best.reached:
         return best
 

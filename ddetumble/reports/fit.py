@@ -8,6 +8,7 @@ from ..inference.findings import Fit
 from ..measurement.quantities import clean, describe_quantity, format_number, format_value
 from ..selection.lack_of_fit import measure_shifts
 from ..selection.series import make_traces
+from .coefficient import show_coefficients
 from .findings import show_failures, show_fits, show_parameters, show_shifts
 from .page import Section, Table, write_page
 
@@ -23,10 +24,12 @@ def report_fit(fit: Fit, folder) -> Path:
     """
     traces = {clean(fit.model_text, 60): make_traces(fit.source, fit.problem.records, fit.solution, fit.noise)}
     shifts = measure_shifts(fit.problem.records, fit.solution, campaign=fit.source)
+    coefficients = show_coefficients(fit)
     sections = [
         show_parameters({"this fit": fit}, [
             clean(text, 800) for text in (*fit.cannot_tell_apart, *fit.notes, *fit.tell_intervals())]),
-        *([_show_derived(fit)] if fit.derived else []), show_fits(traces)]
+        *([_show_derived(fit)] if fit.derived else []), *([coefficients] if coefficients else []),
+        show_fits(traces)]
     if not fit.problem.records.are_values:
         sections.append(show_failures(traces, {c: dc.asdict(one.without_sizes()) for c, one in fit.noise.items()}))
     if shifts:

@@ -20,6 +20,7 @@ from ..posterior.loo import WAYS
 from ..posterior.predictive_check import STATISTICS
 from ..posterior.result import Posterior
 from ..posterior.target import CampaignTarget
+from .coefficient import show_coefficients
 from .page import Picture, Section, Table, flatten, write_page
 
 
@@ -46,8 +47,8 @@ def write_posterior(posterior: Posterior, folder) -> Path:
     plain = posterior.to_dict()
     rows = [("sampler", posterior.sampler),
             *(row for key in ("settings", "statistics", "target", "versions") for row in flatten(plain[key]))]
-    sections = [*(show(posterior) for show in (_show_parameters, _show_priors, _show_predictive, _show_left_out,
-                                               _show_chains)),
+    sections = [*(show(posterior) for show in (_show_parameters, show_coefficients, _show_priors, _show_predictive,
+                                               _show_left_out, _show_chains)),
                 Section("Provenance", tables=[Table(("item", "value"), rows)])]
     return write_page(f"Posterior: {posterior.title}", _say_posterior(posterior), [s for s in sections if s], folder,
                       badge="converged" if posterior.converged else "not converged", status=status, facts=facts)
