@@ -92,6 +92,18 @@ def test_what_was_written_comes_back(saved, campaign):
     assert model.directions.shape == (2, 5)
 
 
+def test_rates_that_were_never_measured_are_outside(tmp_path):
+    """A tumbling record may start within what its gyroscope ever read, axis by axis, to either side."""
+    model = dd.fit("tumble-a").fitted_model()
+    fastest = dd.read_campaign("tumble-a").samples[list(model.channels)].abs().max()
+    starts = [f"{channel}0" for channel in model.channels]
+    for factor, far in ((0.99, []), (-0.99, []), (1.1, starts), (-1.1, starts)):
+        exceeded = model.exceeded(dict(zip(starts, factor * fastest, strict=True)))
+        assert list(exceeded) == far
+        assert all(ends == (-fastest[name[:-1]], fastest[name[:-1]]) for name, ends in exceeded.items())
+    assert len(model.outside(dict.fromkeys(starts, 10.0 * fastest.max()))) == 3
+
+
 def test_held_parameters_that_came_later_stand_at_their_default(campaign, tmp_path):
     """A file that was written before an effect had a held shape is read as if the shape had been there."""
     space = ParameterSpace(Ball(), IMPACT)

@@ -196,15 +196,28 @@ class FittedModel:
 
     def outside(self, conditions: Mapping[str, float], slack: float = 0.05) -> list[str]:
         """Conditions that lie outside the campaign's range by more than `slack` of their value, each as a phrase."""
-        units = {name: "" if unit == "1" else f" {unit}" for name, unit in self.units.items()}
+        stated = self.units | {start: self.units[channel] for start, channel in self._list_starts().items()}
+        units = {name: "" if unit == "1" else f" {unit}" for name, unit in stated.items()}
         return [f"{name} = {conditions[name]:g}{units[name]} lies outside the range of the campaign, {low:g} to "
                 f"{high:g}{units[name]}" for name, (low, high) in self.exceeded(conditions, slack).items()]
 
     def exceeded(self, conditions: Mapping[str, float], slack: float = 0.05) -> dict[str, tuple[float, float]]:
-        """Range of the campaign [SI] of every condition that lies outside it by more than `slack` of its value."""
-        return {name: (low, high) for name, (low, high) in self.ranges.items()
+        """Range of the campaign [SI] of every condition that lies outside it by more than `slack` of its value.
+
+        Of what a free-running record starts from: as far to either side as its channel was ever read.
+        """
+        largest = self.sampling.largest if self.sampling else {}
+        ranges = self.ranges | {start: (-largest[channel], largest[channel])
+                                for start, channel in self._list_starts().items() if channel in largest}
+        return {name: (low, high) for name, (low, high) in ranges.items()
                 if name in conditions and name != "sequence"
-                and not low - slack * abs(low) <= conditions[name] <= high * (1 + slack)}
+                and not low - slack * abs(low) <= conditions[name] <= high + slack * abs(high)}
+
+    def _list_starts(self) -> dict[str, str]:
+        """Channel of every quantity that a free-running record starts from."""
+        family = self.space.family
+        return {start: channel for start, channel in zip(family.starts, family.main, strict=False)
+                if channel in self.units}
 
 
 class AbstractFitted(abc.ABC):

@@ -285,21 +285,31 @@ def _show_ranking(discovery: Discovery) -> Section:
         difference = "–" if one.heldout_difference == 0 else (
             f"{format_value(one.heldout_difference, error)} ± {format_value(error, error)}")
         later = share_at_step(discovery.steps, one.effect)
-        gain = (format_share(one.explains, 1), format_p(one.p_value)) if later is None else (
-            f"{format_share(later[1], 1)} (step {later[0]})", "–")
-        rows.append((clean(one.effect), *gain, format_small_share(one.visible), format_error(one.heldout_nrmse),
-                     format_error(one.prediction_nrmse), difference, ", ".join(sizes) or "–",
+        gain = format_share(one.explains, 1) + ("" if later is None else
+                                                f"; step {later[0]} {format_share(later[1], 1)}")
+        rows.append((clean(one.effect), gain, format_p(one.p_value), format_small_share(one.visible),
+                     format_error(one.heldout_nrmse), format_error(one.prediction_nrmse), difference, ", ".join(sizes) or "–",
                      ", ".join(map(clean, one.indistinguishable_from)) or "–"))
     header = ("effect", "explains", "p", "visible", "cross-validated", "prediction",
-              "behind the best, cross-validated [noise variances]", "smallest detectable", "indistinguishable from")
+              "behind the best, cross-validated [noise variances]", "smallest detectable", "imitated by")
     marked = frozenset(i for i, one in enumerate(discovery.candidates) if one.effect in discovery.effects)
-    tables = [Table(header, rows, "All effects of the catalogue as they stood at the first step.", marked)]
+    tables = [Table(header, rows, "All effects of the catalogue, each alone beside the reference model, as they stood "
+                    "at the first step; the bars show the same. Imitated by: effects whose signatures are alike there.",
+                    marked)]
     paragraphs = [
-        "Explains: the share of the misfit above noise that the effect alone explains after a refit; for an effect "
-        "added at a later step, the share that this step explained. Visible: the share of its own signature that is "
-        f"left when {choose_view(family=discovery.family).free} and the records' settings are free to imitate it; "
+        "Explains: the share of the misfit above noise that the effect alone explains after a refit; of an effect that "
+        "came in at a later step also the share that this step explained. Visible: the share of its own signature that "
+        f"is left when {choose_view(family=discovery.family).free} and the records' settings are free to imitate it; "
         f"below {100 * discovery.settings.invisible:g} % this campaign cannot detect it. A strong effect is seen by "
         "a small share, too: from its smallest detectable size on."]
+    for number, (before, step) in enumerate(zip(discovery.steps, discovery.steps[1:], strict=False), 1):
+        gone, came = ([clean(name) for name in one.effects if name not in other.effects]
+                      for one, other in ((before, step), (step, before)))
+        if gone:
+            paragraphs.append(f"Step {number} took {join_words(gone)} back and brought {join_words(came)} in: this "
+                              "predicts left-out records better. The first effect of several is chosen while the "
+                              "others are still missing, and may be one that imitates them together."
+                              if came else f"Step {number} took {join_words(gone)} back as needless.")
     kin = [(clean(step.added), *row) for step in discovery.steps if step.added
            for row in list_alternatives(step.alternatives)]
     if kin:
@@ -313,8 +323,8 @@ def _show_ranking(discovery: Discovery) -> Section:
         tables.append(Table(("effects", "error that all records share"), rows_open,
                             "Models between which these tests cannot decide."))
     elif not kin and discovery.effects:
-        paragraphs.append("The confusion sets are empty: no other effect of the catalogue predicts as well as those "
-                          "added.")
+        paragraphs.append("Nothing is confounded in the end: no other effect that was tried, put in the place of one "
+                          "that was added, predicts left-out records as well.")
     best = discovery.candidates[0]
     picture = draw_picture(
         "ranking", "Bars: share of the misfit that each effect explains. Diamonds: visible share of each effect's "

@@ -33,7 +33,9 @@ from .settings import DEFAULT, SelectionSettings
 ROWS = 16_384  # of a basis that are looked at at once
 FAINT = 1e-9  # length of a column below which it tells nothing,
 TOLD = 1e-11  # and squared length, of columns of unit length, below which a combination of them is rounding
-PARTS = 24  # splines over a contact: a stick-slip of a tenth of a stroke shows, and each still has a few samples
+# Splines over a contact: of few each still has several samples, so that the mean of what is slow stands out; many show
+# what a periodic effect leaves beside one of its harmonics, which noise may otherwise pass for.
+PARTS = (24, 120)
 FLIPS = 4000  # draws of signs, so that p-values down to 1e-3 are known to a tenth
 FEWEST = 8  # records whose signs tell anything: with fewer the smallest p-value is above one in a hundred
 SEED = 20261125
@@ -298,10 +300,10 @@ def hold_settings(problem: Problem, solution: Solution) -> Solution:
 def measure_repeats(records: Records, solution: Solution, groups: np.ndarray, conditions: np.ndarray) -> float | None:
     """p-value of nothing in the residuals repeating over the records, whatever the size and correlation of the noise.
 
-    Residuals of every record are projected on splines over its contact, without what its own settings can imitate; how
-    far these then have to move counts by itself (`follow_conditions`). Their mean over the records, and their slopes
-    over the logarithms of the conditions, are held against the same with the signs of whole records drawn at random
-    (Liu, Annals of Statistics 16, 1988, wild bootstrap by cluster).
+    Residuals of every record are projected on splines over its contact, few and many, without what its own settings
+    can imitate; how far these then have to move counts by itself (`follow_conditions`). Their mean over the records,
+    and their slopes over the logarithms of the conditions, are held against the same with the signs of whole records
+    drawn at random (Liu, Annals of Statistics 16, 1988, wild bootstrap by cluster).
 
     Args:
         records: with the filter that whitens the residuals.
@@ -315,14 +317,14 @@ def measure_repeats(records: Records, solution: Solution, groups: np.ndarray, co
     if find_family(records.family).free_running or records.are_values or records.count < FEWEST:
         return None
     time = np.asarray(records.stack.time)
-    knots = np.concatenate([[0.0] * 3, np.linspace(0.0, 1.0, PARTS - 2), [1.0] * 3])
+    knots = [np.concatenate([[0.0] * 3, np.linspace(0.0, 1.0, parts - 2), [1.0] * 3]) for parts in PARTS]
     scores, shifts = [], []
     for r, n in enumerate(records.lengths):
         low = max(float(time[r, 0]), 0.0)
         phase = (time[r, :n] - low) / max(float(solution.end[r]) - low, 1e-300)
-        inside, columns = (phase >= 0) & (phase < 1), np.zeros((n, PARTS))
+        inside, columns = (phase >= 0) & (phase < 1), np.zeros((n, sum(PARTS)))
         if inside.any():
-            columns[inside] = BSpline.design_matrix(phase[inside], knots, 3).toarray()
+            columns[inside] = np.hstack([BSpline.design_matrix(phase[inside], own, 3).toarray() for own in knots])
         basis = np.linalg.qr(np.concatenate([solution.own[r], np.eye(solution.own.shape[2])]))[0]
         side = np.concatenate([solution.residual[r], solution.z[r]])
         side = side - basis @ (basis.T @ side)
@@ -335,7 +337,7 @@ def measure_repeats(records: Records, solution: Solution, groups: np.ndarray, co
     over = np.concatenate([np.ones((len(scores), 1)), slopes], axis=1)
     settled = [k for k, name in enumerate(records.nuisances) if name not in records.starts]
     moved = [shift for shift in np.array(shifts)[:, settled].T if np.ptp(shift) > 0]
-    return combine_p_values([_flip_signs(np.array(scores), over),
+    return combine_p_values([*(_flip_signs(table, over) for table in np.split(np.array(scores), PARTS[:1], axis=1)),
                              *(follow_conditions(shift, groups, conditions) for shift in moved)])
 
 
