@@ -196,7 +196,7 @@ class FittedModel:
 
     def outside(self, conditions: Mapping[str, float], slack: float = 0.05) -> list[str]:
         """Conditions that lie outside the campaign's range by more than `slack` of their value, each as a phrase."""
-        stated = self.units | {start: self.units[channel] for start, channel in self._list_starts().items()}
+        stated = dict(self.units) | {start: self.units[channel] for start, channel in self._list_starts().items()}
         units = {name: "" if unit == "1" else f" {unit}" for name, unit in stated.items()}
         return [f"{name} = {conditions[name]:g}{units[name]} lies outside the range of the campaign, {low:g} to "
                 f"{high:g}{units[name]}" for name, (low, high) in self.exceeded(conditions, slack).items()]
@@ -207,7 +207,7 @@ class FittedModel:
         Of what a free-running record starts from: as far to either side as its channel was ever read.
         """
         largest = self.sampling.largest if self.sampling else {}
-        ranges = self.ranges | {start: (-largest[channel], largest[channel])
+        ranges = dict(self.ranges) | {start: (-largest[channel], largest[channel])
                                 for start, channel in self._list_starts().items() if channel in largest}
         return {name: (low, high) for name, (low, high) in ranges.items()
                 if name in conditions and name != "sequence"

@@ -288,8 +288,8 @@ def _show_ranking(discovery: Discovery) -> Section:
         gain = format_share(one.explains, 1) + ("" if later is None else
                                                 f"; step {later[0]} {format_share(later[1], 1)}")
         rows.append((clean(one.effect), gain, format_p(one.p_value), format_small_share(one.visible),
-                     format_error(one.heldout_nrmse), format_error(one.prediction_nrmse), difference, ", ".join(sizes) or "–",
-                     ", ".join(map(clean, one.indistinguishable_from)) or "–"))
+                     format_error(one.heldout_nrmse), format_error(one.prediction_nrmse), difference,
+                     ", ".join(sizes) or "–", ", ".join(map(clean, one.indistinguishable_from)) or "–"))
     header = ("effect", "explains", "p", "visible", "cross-validated", "prediction",
               "behind the best, cross-validated [noise variances]", "smallest detectable", "imitated by")
     marked = frozenset(i for i, one in enumerate(discovery.candidates) if one.effect in discovery.effects)
