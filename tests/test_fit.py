@@ -412,3 +412,11 @@ def test_the_example_of_the_guide_is_a_specification(tmp_path):
     (tmp_path / "fit.toml").write_text(next(one for one in blocks if "ddetumble.fit/1" in one), encoding="utf-8")
     found, _ = read_specification(tmp_path / "fit.toml")
     assert found.free and found.priors
+
+
+def test_an_effect_that_makes_a_fit_worse_is_told():
+    """Friction that builds up over any slip at all is nought at first touch, where these records have some: its null is
+    a jump away. What helps brings no such note."""
+    stated = [dd.fit("slip-a", effects=[name], noise="stated").notes for name in ("presliding", "load-exponent")]
+    assert [sum("presliding" in note for note in notes) for notes in stated] == [1, 0]
+    assert len(stated[0]) == len(stated[1]) + 1

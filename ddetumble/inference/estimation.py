@@ -14,6 +14,7 @@ from ..families import find_family, name_family, open_campaign
 from ..measurement.campaign import Campaign
 from ..measurement.faults import STAYING, screen_samples
 from ..measurement.plausibility import check_numbers
+from ..measurement.quantities import format_number, join_words
 from .archive import Model, resolve_model
 from .assembly import Assembly, assemble_space, default_starts
 from .bounded import Bounded, explain_share, list_limits, meets_data, solve_bounded
@@ -31,6 +32,7 @@ from .variance_components import list_settings
 
 
 STARTS = 12  # tried at most
+WORSE = 2.0  # chi-square by which a fit with effects is worse than without: more than its tolerance leaves
 STRAYED = 5.0  # stated deviations by which a setting of the reference model is no longer where it may begin
 
 
@@ -175,6 +177,7 @@ def _fit(campaign: Campaign, wanted: Specification, resolved: ResolvedModel, set
     if best is None:
         raise ComputationError("the model could not be integrated from any start; try other starting values or fix a "
                                "parameter")
+    worse = _tell_worse(chosen, first, best.solution)
     if problem is not whole:
         problem = whole
         best = solve_bounded(problem, names, best.solution.u, best.solution.z, limits, 1e-2)
@@ -209,7 +212,7 @@ def _fit(campaign: Campaign, wanted: Specification, resolved: ResolvedModel, set
                 for fault in faults if fault.kind not in STAYING)]
     return summarise_fit(campaign, resolved.name, tuple(e.id for e in chosen), problem, best, origin, measured,
                          settings, wanted.nuisances,
-                         (*warnings, *describe_assumed(space, assumed, best.solution), *doubts),
+                         (*warnings, *worse, *describe_assumed(space, assumed, best.solution), *doubts),
                          steps=sum(taken), starts=len(starts))
 
 
@@ -250,6 +253,17 @@ def _fit_reference(problem: Problem, names: Sequence[str], origins: Sequence[np.
     raise ComputationError(
         f"the reference model could not be integrated for record {broken.failed[0]!r} ({len(broken.failed)} of "
         f"{problem.records.count} records): check its conditions and units" + "".join(f". {text}" for text in warnings))
+
+
+def _tell_worse(effects: Sequence[type[AbstractEffect]], without: Solution, solution: Solution) -> list[str]:
+    """A sentence where effects make a fit worse, although it holds the one without them: their null is out of reach of
+    a descent, as where it is a jump.
+    """
+    if not effects or not solution.chi2 > without.chi2 + WORSE:
+        return []
+    return [f"With {join_words([effect.id for effect in effects])} the fit is worse than without (a chi-square of "
+            f"{format_number(solution.chi2)} instead of {format_number(without.chi2)} under the stated noise): no value "
+            "was found at which the records want this, and its estimate means nothing."]
 
 
 def _refuse_stray(problem: Problem, solution: Solution) -> None:

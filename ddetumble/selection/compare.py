@@ -300,10 +300,12 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
     campaign, thinned = thin_campaign(campaign, MANY)
     given = resolved.fitted
     saved: FittedModel | None = None
+    told: tuple[str, ...] = ()
     if given:
         saved = take_fitted(model)  # type: ignore[arg-type]
     elif refit and any(is_absent(e) for e in resolved.effects):
-        saved = fit(campaign, model).fitted_model()
+        grown = fit(campaign, model)
+        told, saved = grown.notes, grown.fitted_model()
         resolved = resolve_model(saved, name_family(campaign))
     own = saved.free if saved is not None and saved.sha256 == campaign.sha256 else None  # chosen by these records
     bench = pose_selection(campaign, resolved.reference, (), resolved.effects, fit_given=False)
@@ -355,7 +357,7 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
         parameters=public_estimates(bench, chosen.solution) if names else {},
         where=tuple(residual_places(bench, fitted)), noise=describe_noise(bench), traces=traces, shifts=shifts,
         held_nrmse=measure_held(bench, solution) if is_moved(shifts) else None,
-        notes=(*bench.warnings, *filter(None, [thinned])), effects=fitted.effects, heldout_nrmse=adjusted.nrmse,
+        notes=tuple(dict.fromkeys((*bench.warnings, *told, *filter(None, [thinned])))), effects=fitted.effects, heldout_nrmse=adjusted.nrmse,
         prediction_nrmse=predicted.nrmse, prediction_coverage=predicted.coverage, heldout_squares=adjusted.squares,
         heldout_losses=chosen.loss, groups=bench.groups,
         sequential=follow_records(bench.problem, solution, bench.bases, bench.noise),
