@@ -262,8 +262,8 @@ def _tell_worse(effects: Sequence[type[AbstractEffect]], without: Solution, solu
     if not effects or not solution.chi2 > without.chi2 + WORSE:
         return []
     return [f"With {join_words([effect.id for effect in effects])} the fit is worse than without (a chi-square of "
-            f"{format_number(solution.chi2)} instead of {format_number(without.chi2)} under the stated noise): no value "
-            "was found at which the records want this, and its estimate means nothing."]
+            f"{format_number(solution.chi2)} instead of {format_number(without.chi2)} under the stated noise): no "
+            "value was found at which the records want this, and its estimate means nothing."]
 
 
 def _refuse_stray(problem: Problem, solution: Solution) -> None:
