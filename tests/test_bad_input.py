@@ -256,3 +256,18 @@ def test_damaged_raw_files_are_imported_or_refused(tmp_path, text, edits, head):
         assert format_campaign(campaign)["samples.csv"].count("\n") > 5
     except InputError as error:
         assert str(error).isprintable()
+
+
+def test_contacts_that_pull_are_refused(tmp_path):
+    """A column whose sign is that of the plate's; of some records alone it is a fault that is looked for later."""
+    lines = SAMPLES.strip().splitlines()
+    place = lines[0].split(",").index("normal_force")
+
+    def turn(line):
+        cells = line.split(",")
+        return ",".join(f"-{cell}" if k == place and float(cell) > 0 else cell for k, cell in enumerate(cells))
+
+    turned = "\n".join([lines[0], *map(turn, lines[1:])]) + "\n"
+    refused(write_small(tmp_path / "c", samples=turned), "column normal_force", "reverse the sign")
+    one = "\n".join([lines[0], *(turn(line) if line.startswith("r01") else line for line in lines[1:])]) + "\n"
+    assert read_campaign(write_small(tmp_path / "one", samples=one)).samples["normal_force"].min() < 0

@@ -22,6 +22,7 @@ GAUGE = ('; if these are gauge pressures, mark the field "reference": "gauge" an
          "(for an import, give --gauge and --ambient)")
 # Share of the work of a friction below which it counts against the slip: half of it backwards is no noise about zero.
 OPPOSED = -0.5
+PUSH = "normal_force"  # of a contact: it is positive where the ball is pressed on
 _POSITIVE = {
     "approach_speed", "slip_speed", "normal_load", *PEAKS, "outer_diameter", "inner_diameter",
     "wall_thickness", "effective_mass", "tangential_mass", "rolling_mass",
@@ -145,7 +146,8 @@ def check_samples(samples, keys: Sequence[str], kind: RecordKind) -> str:
 
     Raises:
         InputError: No independent variable or channel, an unknown record, unsorted or repeated abscissae, a channel
-            or record without values, fewer than five samples a record, or friction that counts against the slip in all.
+            or record without values, fewer than five samples a record, friction that counts against the slip in all,
+            or contacts that pull in all.
     """
     independent = next((name for name in kind.independents if name in samples.values), None)
     if independent is None:
@@ -162,11 +164,16 @@ def check_samples(samples, keys: Sequence[str], kind: RecordKind) -> str:
         check_record(key, values, independent, Rows(samples.file, samples.lines[rows]))
         if kind.path in values and kind.main in values:
             shares.append(share_work(values[kind.path], values[kind.main]))
-    # Any model would have such friction drive the motion. Where only some records are so, the force may hold more than
-    # friction, such as a pressure on the rod of a seal.
+        elif kind.main == PUSH and PUSH in values:
+            after = values[independent] >= 0.0
+            shares.append(share_work(values[independent][after], values[kind.main][after]))
+    # Any model would have such friction drive the motion, and such a contact pull. Where only some records are so, the
+    # force may hold more than friction, such as a pressure on the rod of a seal.
     if len(shares) == len(keys) and max(shares) < OPPOSED:
-        problem = "the friction is negative where the slip grows, but must be positive along the slip: reverse the sign"
-        raise InputError(f"{problem} of the column", file=samples.file, column=kind.main)
+        wrong = ("the force of the contact is negative, but must be positive where the ball is pressed on"
+                 if kind.main == PUSH else
+                 "the friction is negative where the slip grows, but must be positive along the slip")
+        raise InputError(f"{wrong}: reverse the sign of the column", file=samples.file, column=kind.main)
     return independent
 
 
