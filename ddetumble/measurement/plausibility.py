@@ -227,7 +227,7 @@ def _ask(name: str, size: Size, mistakes: tuple[tuple[str, str, str], ...], rang
     listed = [f"{column} " + ", or ".join(f"in {' or '.join(actual)} where {stated} is stated"
                                           for stated, actual in ways.items()) for column, ways in guesses.items()]
     if record:
-        question = (f"its settings and its readings do not go together ({seen}); is one of them a slip?"
+        question = (f"its settings and its readings do not go together ({seen}); is one of them mistyped?"
                     if " over " in name else f"{seen}; is that a slip?")
         return Implausibility(name, size.value, low, high, size.unit, (), f"Record {record}: {question}")
     remedy = f"are the values of {', or of '.join(listed)}?" if listed else (

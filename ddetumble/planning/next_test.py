@@ -395,8 +395,10 @@ def _explain(found: Design, question: Question) -> Design:
                                  for one in found.calibrations],
                    distinguished=group_pairs([pair for pair in best.pairs if pair.repeats is not None]),
                    left=group_pairs([pair for pair in best.pairs if pair.repeats is None]))
+    pressure, stated = find_family(found.family).kind.pressure, question.rivals[0].ambient_pressure
+    ambient = say_value(pressure, stated, "Pa") if stated and pressure in best.conditions else ""
     notes = tell(
-        "plan.next_test_notes", best=best, decisive=DEFAULT.decisive,
+        "plan.next_test_notes", best=best, ambient=ambient, decisive=DEFAULT.decisive,
         others=[(one, describe_test(one, found.limits)) for one in others],
         alone=len(found.rivals) == 1, most=MOST,
         apart=bool(found.calibrations) and any(one.extra is not None for one in found.proposals),
