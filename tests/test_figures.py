@@ -152,6 +152,39 @@ def test_numbers_with_many_digits_have_room():
     check_layout(figures.draw_fit({"reference model": traces}, "angular_velocity_z", 4))
 
 
+def test_records_without_conditions_have_cells():
+    """A row of one has a height, a column of one a width: their numbers stand on colour."""
+    for traces in (make_hour(4), make_hour(1)):
+        axes = figures.draw_record_errors({"reference model": traces}).axes[0]
+        (_, bottom), (_, top) = axes.collections[0].get_datalim(axes.transData).get_points()
+        assert top - bottom == pytest.approx(1.0)
+        assert np.ptp(axes.collections[0].get_datalim(axes.transData).get_points()[:, 0]) == pytest.approx(
+            len(traces) / 3)
+
+
+def test_error_bars_end_within_the_axes():
+    traces = [dc.replace(one, measured=one.model + (-1.0) ** k) for k, one in enumerate(make_pulses(6))]
+    for figure in (figures.draw_missing_force({"reference model": traces}),
+                   figures.draw_dependence({"reference model": traces})):
+        for axes in figure.axes:
+            low, high = axes.get_ylim()
+            ends = np.concatenate([np.ravel([path[:, 1] for path in bars.get_segments()])
+                                   for container in axes.containers for bars in container.lines[2]])
+            assert low <= ends.min() and ends.max() <= high
+
+
+def test_numbers_stand_beyond_their_bars():
+    """A correlation on the bar's own side; a p-value beside an effect that explains nothing, as in the table."""
+    step = make_slip_discovery().steps[-1]
+    step = dc.replace(step, correlations=(("a", "b", 0.24), ("a", "c", -0.7)))
+    axes = next(axes for axes in figures.draw_parameters({"model": step}).axes if len(axes.patches) == 2)
+    for bar, text in zip(axes.patches, axes.texts, strict=True):
+        assert text.get_position()[0] / bar.get_width() > 1.0
+    idle = dc.replace(make_candidates()[0], explains=0.0, p_value=1.0, visible=0.5)
+    axes = figures.draw_ranking([idle]).axes[0]
+    assert any("1.00" in text.get_text() for text in axes.texts)
+
+
 def test_many_records_without_conditions_have_room():
     check_layout(figures.draw_record_errors({"reference model": make_hour(60), LONG: make_hour(60)}))
 

@@ -122,8 +122,9 @@ def draw_record_errors(models: Mapping[str, Sequence[Trace]], narrow: bool = Fal
     def draw(axes, channel: str, k: int, first: bool, last: bool):
         top = max(2.0, *(float(np.max(one[0], initial=0.0, where=np.isfinite(one[0]))) for one in grids[channel]))
         values, along, up, label_x, label_y = grids[channel][k]
-        image = axes.pcolormesh(range(len(along)), range(len(up)), values, cmap="YlOrBr", vmin=0.8, vmax=top,
-                                shading="nearest", edgecolors="white", lw=2)
+        # Edges, as cells about one place alone would have no width.
+        image = axes.pcolormesh(*(np.arange(n + 1) - 0.5 for n in (len(along), len(up))), values, cmap="YlOrBr",
+                                vmin=0.8, vmax=top, edgecolors="white", lw=2)
         room = panel / values.shape[1]
         for i, j in np.ndindex(*values.shape):
             if math.isfinite(values[i, j]) and room > 0.26:  # of three digits
@@ -251,7 +252,8 @@ def draw_dependence(
                               ls=":" if open_ else "-", marker="o", ms=4, mfc="white" if open_ else colour,
                               zorder=3 + i)
                 low, high = reach[row]
-                reach[row] = min(low, np.min(bins.mean - bins.error)), max(high, np.max(bins.mean + bins.error))
+                reach[row] = (min(low, np.min(bins.mean - 2 * bins.error)),
+                              max(high, np.max(bins.mean + 2 * bins.error)))
         names = (variable, "rate") if variable == "depression_rate" else (variable,)
         here = [place for place in places if place.variable in names]
         marked |= bool(here)
@@ -366,7 +368,8 @@ def draw_missing_force(models: Mapping[str, Sequence[Trace]], channel: str | Non
             mean, error = scale * bins.mean, scale * bins.error
             line = axes.errorbar(state.scale * bins.centre, mean, 2 * error, color=shade, lw=1.4, elinewidth=0.9,
                                  marker="o", ms=3.5)
-            lowest, highest = min(lowest, float(np.min(mean - error))), max(highest, float(np.max(mean + error)))
+            lowest = min(lowest, float(np.min(mean - 2 * error)))
+            highest = max(highest, float(np.max(mean + 2 * error)))
             if axes is panels[0, 0] and name:
                 labels.append(f"{'' if labels else condition.name} {condition.format(level)} {condition.unit}".strip())
                 handles.append(line)

@@ -167,7 +167,7 @@ def draw_ranking(candidates: Sequence[Candidate], chosen: Sequence[str] = (), co
         if math.isfinite(candidate.visible):
             axes.plot(100 * candidate.visible, row, marker="D", ms=5.5, mfc="white", mec=GREY if unseen else INK,
                       mew=1.2, zorder=4, clip_on=False)
-        text = "undetectable" if unseen else say_p(candidate.p_value) if share > 0 else "–"
+        text = "undetectable" if unseen else say_p(candidate.p_value)
         axes.text(110 if narrow else 103, row, text, va="center", fontsize=8.5,
                   color=GREY if unseen or candidate.p_value > CHANCE else INK)
         name.set(color=GREY if kind == UNSEEN else INK, fontweight="bold" if kind == ADDED else "normal")
@@ -246,12 +246,12 @@ def _draw_correlations(axes, correlations: Sequence[tuple[str, str, float]]):
     for row, (_, _, value) in enumerate(correlations):
         shade = INK if abs(value) > 0.95 else GREY if abs(value) > 0.8 else OTHER
         axes.barh(row, value, height=0.55, color=shade)
-        # On the other side of zero, where no name is.
-        axes.text(-math.copysign(0.05, value), row, f"{value:+.2f}".replace("-", "−"), va="center",
-                  ha="right" if value >= 0 else "left", fontsize=8.5)
+        axes.text(value + math.copysign(0.06, value), row, f"{value:+.2f}".replace("-", "−"), va="center",
+                  ha="left" if value >= 0 else "right", fontsize=8.5)
     axes.axvline(0, color=GREY, lw=0.7)
-    axes.set(xlim=(-1.28, 1.28), xticks=[-1, 0, 1], ylim=(max(len(correlations), FEWEST) - 0.4, -0.6),
+    axes.set(xlim=(-1.8, 1.8), xticks=[-1, 0, 1], ylim=(max(len(correlations), FEWEST) - 0.4, -0.6),
              title="strongest correlations")
+    axes.spines["bottom"].set_bounds(-1, 1)
 
 
 def _interval(estimate: Estimate | Fitted) -> tuple[float, float]:
