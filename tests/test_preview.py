@@ -71,6 +71,27 @@ def test_values_are_told_from_end_to_end(found, preview):
             assert rest == pytest.approx(default.transform.from_unconstrained(default.default), rel=1e-9, abs=1e-12)
 
 
+def test_initial_rates_follow():
+    """Without a prior they move far in their own deviations; what is drawn is the exact model with them refitted."""
+    fit = dd.fit("tumble-a")
+    preview = preview_effects(fit, ())
+    assert preview is not None and preview.has_starts and not preview.has_settings
+    lever, = preview.levers
+    assert 0.0 < lever.error <= 1.0
+    problem, solution = fit.problem, fit.bounded.solution
+    u = solution.u.copy()
+    u[problem.space.index[lever.name]] = problem.space.parameter(lever.name).transform.to_unconstrained(
+        lever.values[-1])
+    exact = problem.solve([], u, solution.z)
+    assert exact.chi2 > 2.0 * solution.chi2
+    assert preview.total([1.0]) == pytest.approx(exact.chi2, rel=0.1)
+    noise = fit.noise[preview.channel].sd
+    for r, change in enumerate(preview.changes):
+        keep = np.searchsorted(np.asarray(problem.records.stack.time)[r], preview.places[r])
+        moved = (exact.channels - solution.channels)[r, 0][keep]
+        assert np.sqrt(np.mean((change[0] - moved) ** 2)) < 4.0 * noise  # four times what it is off half way
+
+
 def test_values_without_time_have_no_sliders():
     assert preview_effects(dd.fit("paper/table-3"), ()) is None
 
@@ -79,8 +100,13 @@ def test_values_without_time_have_no_sliders():
 def test_the_page_says_the_same(found, preview, tmp_path):
     """Moved in the browser by the address: chi-square is the preview's, and the command names the effect."""
     page = dd.report(found, tmp_path / "out")
-    name = next(one.name for one in preview.levers if one.effect)
-    for text, positions in (("", np.zeros(len(preview.levers))), (f"#try:{name}=0.5", move(preview, name, 0.5))):
+    lever = next(one for one in preview.levers if one.effect)
+    name, low = lever.name, lever.low
+    place = low + 0.75 * (1.0 - low)
+    value = float(np.interp(place, np.linspace(low, 1.0, len(lever.values)), lever.values))
+    for text, positions in (("", np.zeros(len(preview.levers))),
+                            (f"#try:{name}={value!r}", move(preview, name, place)),  # in the parameter's unit
+                            (f"#try:{name}={1e6 * lever.values[-1]!r}", move(preview, name, 1.0))):  # no further
         done = subprocess.run(
             [str(BROWSER), "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'browser'}",
              "--virtual-time-budget=4000", "--dump-dom", f"file://{page.resolve()}{text}"],

@@ -10,10 +10,15 @@
     return { key: one.key, samples: one.samples, chi2: one.chi2, slope: one.slope, square: one.square,
       place: unpack(one.place), measured: unpack(one.measured), fitted: unpack(one.fitted), change: unpack(one.change) };
   });
+  let missed = []; // of the page's address
   const count = data.levers.length, at = new Array(count).fill(0), samples = records.reduce(function (s, one) { return s + one.samples; }, 0);
   const find = function (part) { return root.querySelector("[data-part=" + part + "]"); };
   const pick = find("record"), canvas = find("drawing"), bars = find("bars"), said = find("said"), command = find("command");
-  function number(x) { return x === null ? "∞" : Math.abs(x) >= 1e5 || (x !== 0 && Math.abs(x) < 1e-3) ? x.toExponential(2) : String(+x.toPrecision(4)); }
+  function number(x, digits = 4) { return x === null ? "∞" : Math.abs(x) >= 1e5 || (x !== 0 && Math.abs(x) < 1e-3) ? x.toExponential(2) : String(+x.toPrecision(digits)); }
+  const digits = data.levers.map(function (one) { // that tell the places of a slider apart
+    const ends = [one.values[0], one.values[one.values.length - 1]], way = Math.abs(ends[1] - ends[0]);
+    return ends.indexOf(null) < 0 && way > 0 ? Math.min(12, Math.max(4, Math.ceil(Math.log10(Math.max(...ends.map(Math.abs)) / way)) + 3)) : 4;
+  });
   function value(k) { // of the parameter, between two marks of the slider
     const one = data.levers[k], place = (at[k] - one.low) / (1 - one.low) * (one.values.length - 1);
     const i = Math.min(Math.floor(place), one.values.length - 2), a = one.values[i], b = one.values[i + 1];
@@ -58,13 +63,16 @@
     const pen = canvas.getContext("2d"); pen.setTransform(fine, 0, 0, fine, 0, 0); pen.font = "13px sans-serif";
     return [pen, wide, high];
   }
+  function turn(pen, text, x, y, room) { // along the left side, centred
+    pen.save(); pen.translate(x, y); pen.rotate(-Math.PI / 2); pen.textAlign = "center"; pen.fillText(text, 0, 0, room); pen.restore();
+  }
   function draw() {
     const one = records[pick.selectedIndex], n = one.place.length, model = new Array(n);
     for (let i = 0; i < n; i++) {
       model[i] = one.fitted[i];
       for (let k = 0; k < count; k++) model[i] += at[k] * one.change[k * n + i];
     }
-    const [pen, wide, high] = fit(canvas, 0.5), left = 62, right = 8, top = 8, bottom = 34, middle = Math.round(0.62 * high);
+    const [pen, wide, high] = fit(canvas, 0.56), left = 84, right = 8, top = 8, bottom = 34, middle = Math.round(0.6 * high);
     let low = Infinity, most = -Infinity, off = 0;
     for (let i = 0; i < n; i++) {
       low = Math.min(low, model[i], one.measured[i]); most = Math.max(most, model[i], one.measured[i]);
@@ -91,19 +99,22 @@
     pen.textAlign = "left"; pen.fillText(number(one.place[0]), left, high - 18);
     pen.textAlign = "right"; pen.fillText(number(one.place[n - 1]), wide - right, high - 18);
     pen.textAlign = "center"; pen.fillText(data.abscissa, 0.5 * (left + wide), high - 4);
-    pen.save(); pen.translate(12, 0.5 * (top + middle)); pen.rotate(-Math.PI / 2); pen.fillText(data.drawn, 0, 0); pen.restore();
-    const [brush, across, tall] = fit(bars, 0.16), each = across / records.length;
+    turn(pen, data.drawn, 14, 0.5 * (top + middle), middle - top); turn(pen, data.left, 14, z(0), high - bottom - middle);
+    const [brush, across, tall] = fit(bars, 0.2), each = (across - left - right) / records.length;
     const sizes = records.map(function (r) { return measure(r) / Math.max(r.samples, 1); });
     const largest = Math.max(...sizes, ...records.map(function (r) { return r.chi2 / Math.max(r.samples, 1); }), 1e-300);
-    const height = function (v) { return (tall - 18) * Math.log1p(v) / Math.log1p(largest); };
+    const height = function (v) { return (tall - 24) * Math.log1p(v) / Math.log1p(largest); };
     records.forEach(function (r, k) {
       const old = height(r.chi2 / Math.max(r.samples, 1)), size = height(sizes[k]);
-      brush.fillStyle = "#d9dfe5"; brush.fillRect(k * each + 1, tall - 16 - old, Math.max(each - 2, 1), old);
-      brush.fillStyle = k === pick.selectedIndex ? "#d55e00" : "#e8a268"; brush.fillRect(k * each + 0.25 * each, tall - 16 - size, Math.max(0.5 * each, 1), size);
+      brush.fillStyle = "#d9dfe5"; brush.fillRect(left + k * each + 1, tall - 16 - old, Math.max(each - 2, 1), old);
+      brush.fillStyle = k === pick.selectedIndex ? "#d55e00" : "#e8a268"; brush.fillRect(left + k * each + 0.25 * each, tall - 16 - size, Math.max(0.5 * each, 1), size);
     });
     brush.strokeStyle = "#5a6673"; brush.setLineDash([4, 3]); brush.beginPath();
-    brush.moveTo(0, tall - 16 - height(1)); brush.lineTo(across, tall - 16 - height(1)); brush.stroke();
-    brush.fillStyle = "#5a6673"; brush.textAlign = "left"; brush.fillText("records; dashed: only noise is left", 2, tall - 3);
+    brush.moveTo(left, tall - 16 - height(1)); brush.lineTo(across - right, tall - 16 - height(1)); brush.stroke();
+    brush.fillStyle = "#5a6673"; brush.textAlign = "right";
+    for (const v of largest > 4 ? [1, largest] : [largest > 1 ? 1 : largest]) brush.fillText(number(v), left - 6, tall - 12 - height(v));
+    turn(brush, "χ² / sample", 14, 0.5 * (tall - 16), tall - 16);
+    brush.textAlign = "left"; brush.fillText("records, on a logarithmic scale; dashed: only noise is left", left, tall - 3);
   }
   function show() {
     const total = records.reduce(function (s, one) { return s + measure(one); }, 0), effects = data.effects.slice();
@@ -111,21 +122,36 @@
     data.levers.forEach(function (one, k) {
       const row = root.querySelectorAll("[data-lever]")[k];
       row.querySelector("input").value = String(at[k]);
-      row.querySelector("output").textContent = number(value(k)) + (one.unit === "1" || one.unit === "" ? "" : " " + one.unit);
+      row.querySelector("output").textContent = number(value(k), digits[k]) + (one.unit === "1" || one.unit === "" ? "" : " " + one.unit);
       if (one.effect && at[k] !== 0 && effects.indexOf(one.effect) < 0) effects.push(one.effect);
     });
     said.textContent = "χ² " + number(total) + " over " + samples + " samples: " + number(total / Math.max(samples, 1)) + " each; the fit leaves " +
-      number(data.total / Math.max(samples, 1)) + ".";
+      number(data.total / Math.max(samples, 1)) + "." + (missed.length ? " No slider goes to " + missed.join(", ") + "." : "");
     command.textContent = ["ddetumble", "fit", data.campaign, "--model", data.model].concat(effects.map(function (e) { return "--effect " + e; })).join(" ");
     draw();
   }
-  function read() { // #try:adhesion.tau_a=0.5
+  function place(k, wanted) { // of the slider where its parameter has a value, or of the end that is nearest to it
+    const one = data.levers[k], values = one.values, last = values.length - 1;
+    const far = function (v) { return v === null ? Infinity : Math.abs(v - wanted); };
+    let best = far(values[0]) <= far(values[last]) ? 0 : last;
+    for (let i = 0; i < last; i++) {
+      const a = values[i], b = values[i + 1];
+      if (a !== null && b !== null && a !== b && (wanted - a) * (wanted - b) <= 0) { best = i + (wanted - a) / (b - a); break; }
+    }
+    return one.low + (1 - one.low) * best / last;
+  }
+  function read() { // #try:adhesion.tau_a=40000,refit: values in the units that the sliders show
     if (location.hash.indexOf("#try:") !== 0) return;
+    at.fill(0); missed = [];
     for (const part of decodeURIComponent(location.hash.slice(5)).split(",")) {
       const [name, text] = part.split("="), k = data.levers.findIndex(function (one) { return one.name === name; });
-      if (name === "refit") refit();
-      else if (k >= 0 && isFinite(+text)) at[k] = Math.min(1, Math.max(data.levers[k].low, +text));
+      if (name === "refit") { refit(); continue; }
+      if (k < 0 || text === undefined || text.trim() === "" || !isFinite(+text)) { missed.push(part); continue; }
+      at[k] = place(k, +text);
+      const size = Math.abs(data.levers[k].values[data.levers[k].values.length - 1]) + Math.abs(text);
+      if (Math.abs(value(k) - text) > 1e-6 * size) missed.push(part);
     }
+    root.closest("section").scrollIntoView();
   }
   for (const one of records) pick.add(new Option(one.key));
   pick.selectedIndex = records.reduce(function (best, one, k) {
@@ -139,11 +165,13 @@
     });
   });
   find("refit").addEventListener("click", function () { refit(); show(); });
-  find("reset").addEventListener("click", function () { at.fill(0); show(); });
+  find("reset").addEventListener("click", function () { at.fill(0); missed = []; show(); });
   find("copy").addEventListener("click", function () {
     if (navigator.clipboard) navigator.clipboard.writeText(command.textContent);
     else { const range = document.createRange(); range.selectNode(command); getSelection().removeAllRanges(); getSelection().addRange(range); document.execCommand("copy"); }
   });
   window.addEventListener("resize", draw);
+  window.addEventListener("hashchange", function () { read(); show(); });
+  window.addEventListener("load", read); // again where figures above have taken their room
   read(); show();
 })();

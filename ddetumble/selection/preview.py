@@ -17,7 +17,8 @@ from ..inference.assembly import default_starts
 from ..inference.findings import Fit
 from ..inference.levenberg_marquardt import eliminate_nuisances
 from ..inference.problem import Problem, Solution
-from .detectability import detectable_length, find_size, reach_limit
+from ..inference.variance_components import list_settings
+from .detectability import LEAST, detectable_length, find_size, reach_limit
 from .result import Candidate
 
 
@@ -26,7 +27,8 @@ POINTS = 120  # samples of a record that are drawn
 MARKS = 41  # places of a slider whose value is told
 SHOWN = 1.0  # rms over the noise that an effect at the end of its slider leaves a refitted model: plain to see
 BEYOND = 1.25  # of an estimate, that its slider reaches
-PART = 0.3  # of its typical change, by which a parameter of the model itself moves to the end of its slider
+PART = 0.3  # of its typical change, by which a parameter of the model itself moves to the end of its slider,
+CURVED = 1.0  # unless the preview would be off by more than this there, rms over the noise half way
 
 
 @dc.dataclass(frozen=True)
@@ -61,6 +63,8 @@ class Preview:
     chi2: np.ndarray  # of the fit, with what its settings cost, shape (records,)
     slope: np.ndarray  # shape (records, levers)
     square: np.ndarray  # shape (records, levers, levers)
+    has_settings: bool  # whether records have settings that state an uncertainty: then these follow
+    has_starts: bool  # whether records start from rates that are free in each: then these follow
 
     def total(self, positions: Sequence[float]) -> float:
         """Chi-square of all records at positions of the levers."""
@@ -70,7 +74,8 @@ class Preview:
 
 def preview_effects(fit: Fit, candidates: Sequence[Candidate]) -> Preview | None:
     """Levers for the parameters of a fit and for the amplitudes of candidates, in their order, which reach beyond what
-    was estimated of them. None where there is nothing to draw over time, or nothing that moves the model.
+    was estimated of them. None where there is nothing to draw over time, nothing that moves the model, or no model of
+    what the records' settings do to it.
     """
     problem, solution = fit.problem, fit.bounded.solution
     records = problem.records
@@ -89,9 +94,15 @@ def preview_effects(fit: Fit, candidates: Sequence[Candidate]) -> Preview | None
     inverse = np.linalg.inv(np.swapaxes(own, 1, 2) @ own + np.eye(own.shape[2]))
     follow = -inverse @ np.swapaxes(own, 1, 2) @ column  # (records, nuisances, levers)
     for j in range(own.shape[2]):
+        # A step that the noise would hide: one deviation of what a record starts from, which is no prior, is too far.
+        size = np.linalg.norm(own[:, :, j], axis=1)
+        step = np.minimum(1.0, np.sqrt(records.lengths) / np.maximum(size, 1e-300))
         z = solution.z.copy()
-        z[:, j] += 1.0
-        by_setting = problem.solve([], solution.u, z, moving=False).channels[:, 0] - solution.channels[:, 0]
+        z[:, j] += step
+        moved = problem.solve([], solution.u, z, moving=False)
+        if moved.failed:
+            return None
+        by_setting = (moved.channels[:, 0] - solution.channels[:, 0]) / step[:, None]
         change = change + follow[:, j].T[:, :, None] * by_setting[None]
     prior = np.broadcast_to(np.eye(own.shape[2]), (records.count, own.shape[2], own.shape[2]))
     left, right = eliminate_nuisances(
@@ -108,7 +119,8 @@ def preview_effects(fit: Fit, candidates: Sequence[Candidate]) -> Preview | None
         tuple(time[r, k] for r, k in enumerate(keep)), tuple(values[r, 0, k] for r, k in enumerate(keep)),
         tuple(solution.channels[r, 0, k] for r, k in enumerate(keep)),
         tuple(change[:, r][:, k] for r, k in enumerate(keep)), np.sum(right**2, axis=1),
-        np.einsum("grk,gr->gk", left, right), np.einsum("grj,grk->gjk", left, left))
+        np.einsum("grk,gr->gk", left, right), np.einsum("grj,grk->gjk", left, left), bool(list_settings(records)),
+        bool(records.starts))
 
 
 def _move(problem: Problem, solution: Solution, u: np.ndarray, name: str, effect: str, low: float
@@ -133,10 +145,14 @@ def _move_parameter(problem: Problem, solution: Solution, name: str):
     k, u = problem.space.index[name], solution.u.copy()
     low, high = (float(one[k]) for one in problem.limits)
     step = min(PART * float(problem.scales[k]), 0.5 * (high - u[k]), 0.5 * (u[k] - low))
-    if step <= 0.0:
-        return None
-    u[k] += step
-    return _move(problem, solution, u, name, "", -1.0)
+    found = None
+    while step > LEAST * float(problem.scales[k]):
+        u[k] = solution.u[k] + step
+        found = _move(problem, solution, u, name, "", -1.0)
+        if found is not None and found[0].error <= CURVED:
+            break
+        step *= 0.5
+    return found
 
 
 def _move_effect(problem: Problem, solution: Solution, candidate: Candidate):
