@@ -132,11 +132,14 @@ def judge_fit(problem: Problem, solution: Solution, bases: Sequence[sparse.csr_m
     repeats = "" if repeats_p_value is None else (
         ", and what repeats over the records (random signs of whole records)")
     numbers = ("two", "three", "four")
-    text = (f"{numbers[bool(moved) + bool(repeats)]} statistics look for a lack of fit, each with a p-value, and the "
-            f"smallest, times {numbers[1 + bool(repeats)]} as there are several chances of a small one, decides: "
-            f"chi-square of the smooth part of whitened residuals over {degrees:.0f} degrees of freedom (noise level "
-            f"known to {100 * doubt_level(noise):.1f} %); the largest efficient score of any effect or test direction "
-            f"outside the model{how}{moved}{repeats}")
+    times = numbers[1 + bool(repeats)]
+    decides = (f"the smallest, times {times} as there are so many chances of a small one, decides" if moved else
+               f"the smallest, times {times}, decides (one more than there are, as settings that could move would be "
+               "another)")
+    text = (f"{numbers[bool(moved) + bool(repeats)]} statistics look for a lack of fit, each with a p-value, and "
+            f"{decides}: chi-square of the smooth part of whitened residuals over {degrees:.0f} degrees of freedom "
+            f"(noise level known to {100 * doubt_level(noise):.1f} %); the largest efficient score of any effect or "
+            f"test direction outside the model{how}{moved}{repeats}")
     tested = not problem.records.are_values or count_rest(degrees, noise) >= LEAST
     if not tested:
         text += ("; the values leave nothing to test with that chi-square, as the model has as many parameters as the "
