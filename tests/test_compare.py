@@ -11,6 +11,8 @@ import pytest
 from ddetumble._errors import ComputationError, InputError
 from ddetumble._settings import find_data
 from ddetumble.cli import main
+from ddetumble.cli.selection import _list_further
+from ddetumble.contact.effect import identify_model
 from ddetumble.contact.law import AbstractDamped, AbstractReference, Ball
 from ddetumble.effects.impact import ArmServo, WallStiffness
 from ddetumble.exam.simulators.campaigns import write_package
@@ -26,8 +28,10 @@ from ddetumble.measurement.package import read_campaign
 from ddetumble.selection import localise
 from ddetumble.selection.compare import Beaten, bin_residuals, compare, conclude
 from ddetumble.selection.result import Place, Trace
-from ddetumble.selection.series import nrmse, nrmse_by_channel
+from ddetumble.selection.series import measure_ratio, nrmse, nrmse_by_channel
 from ddetumble.selection.settings import DEFAULT
+from ddetumble.selection.verdict_facts import _level
+from tests.helpers_report import make_slip_discovery
 
 
 BASE = {"effective_mass": 1.3, "restitution": 0.72}
@@ -53,6 +57,33 @@ def test_adequate(tmp_path):
     assert found.records["ratio"].between(0.7, 1.3).all()
     score = found.residuals["mean"] / found.residuals["standard_error"]
     assert np.mean(np.abs(score) < 3) > 0.9
+
+
+@pytest.mark.slow
+def test_tumbling_records_have_no_conditions():
+    """Their error over the noise is that of chi-square, and of `discover`; no table of nameless conditions is printed,
+    and no model is offered that is the same by another name."""
+    campaign = read_campaign(find_data() / "tumble-a")
+    found = compare(campaign)
+    assert measure_ratio(found.traces) == pytest.approx(np.sqrt(found.chi2_reduced), rel=0.02)
+    assert not found.names_conditions and "By condition" not in str(found) and "By record" in str(found)
+    assert "settings" not in str(found).split("Error:")[1].splitlines()[0]
+    assert found.chi2_reduced > DEFAULT.far and len(_list_further(found, "tumble-a", "paper", campaign)) == 1
+    assert identify_model(resolve_model("rigid-body", "tumble").reference) == identify_model(
+        resolve_model("paper", "tumble").reference) != identify_model(resolve_model("paper").reference)
+
+
+def test_error_over_the_noise_is_one_number():
+    """Every channel counts alike, whatever its signal is; the verdict and files say the same."""
+    time, left = np.arange(4.0), np.array([1.0, -1.0, 1.0, np.nan])
+    traces = [Trace("r", f"angular_velocity_{axis}", "rad/s", {}, time, size * (1.0 + sd * ratio * left),
+                    np.full(4, size), size * sd, time, np.ones(4), "tumble")
+              for axis, size, sd, ratio in (("x", 1.0, 0.1, 3.0), ("y", 9.0, 1e-3, 1.0))]
+    assert measure_ratio(traces) == pytest.approx(np.sqrt(5.0))
+    assert nrmse(traces) / nrmse(traces, noise=True) > 2.9  # which goes by the channel whose signal is smaller
+    found = make_slip_discovery()
+    step = dc.replace(found.steps[0], traces=tuple(traces))
+    assert _level(step, found)["ratio"] == pytest.approx(np.sqrt(5.0))
 
 
 @pytest.mark.slow

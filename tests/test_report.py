@@ -32,9 +32,9 @@ from ddetumble.measurement.quantities import (
     format_value,
 )
 from ddetumble.reports import Picture, Section, Table, report, write_page, write_report
-from ddetumble.reports.findings import show_failures, show_fits
+from ddetumble.reports.findings import _show_judgement, _show_ranking, show_errors, show_failures, show_fits
 from ddetumble.selection.result import Place, Trace
-from ddetumble.selection.text import align, choose_view, describe_place
+from ddetumble.selection.text import align, choose_view, describe_place, say_places
 from tests.helpers_report import (
     STROKES,
     make_candidates,
@@ -363,6 +363,37 @@ def test_small_words():
     conditions = {"initial_pressure": 1.109e6, "approach_speed": 0.1398, "pad_thickness": 0.002}
     assert describe_conditions(conditions, conditions) == "1.11 MPa · 0.14 m/s · pad thickness 0.002"
     assert align(("a", "b"), [("x", "1")], "lr") == "a  b\n----\nx  1"
+    rows = [("+ " + "long-name-of-an-effect, " * 4, *["1234567"] * 7, "last: the misfit"), ("b", *"12345678")]
+    lines = align([f"head {k}" for k in range(9)], rows, "l" + "r" * 7 + "l").splitlines()
+    assert max(map(len, lines)) <= 100  # a wide table loses nothing: its names go on in further lines
+    assert "".join("".join(lines).split()).count("long-name-of-an-effect"[:8]) == 4 and "head 8" in lines[0]
+    assert sum(line.endswith(("last: the", "misfit", "last: the misfit")) for line in lines) >= 1
+
+
+def test_a_place_that_is_the_whole_record_is_no_finding():
+    view = dc.replace(choose_view(family="tumble"), longest=600.0)
+    whole = Place("angular_velocity_x", "time", (0.0, 550.0), "both", 0.9954)
+    assert say_places([whole], view) == []
+    others = [dc.replace(whole, share=0.8), dc.replace(whole, range=(0.0, 300.0)), dc.replace(whole, period=20.0),
+              dc.replace(whole, removes=0.7)]
+    assert len(say_places([whole, *others], view)) == 4
+
+
+def test_records_without_settings_have_no_words_for_them():
+    """Predictions that are the cross-validated errors stand nowhere twice, nor a p-value of shifts that are not."""
+    found = make_slip_discovery()
+    traces = tuple(dc.replace(trace, conditions={}) for trace in found.steps[0].traces)
+    for same in (True, False):
+        def predict(one, same=same):
+            return dc.replace(one, prediction_nrmse=one.heldout_nrmse * (1.0 if same else 1.2))
+
+        own = dc.replace(found, steps=tuple(dc.replace(predict(step), traces=traces) for step in found.steps),
+                         candidates=tuple(map(predict, found.candidates)))
+        assert ("predicted" in str(own)) == (not same)
+        for section in (show_errors([("a",), ("b",)], own.steps, [0.01] * 2, ("a", "b")), _show_ranking(own)):
+            assert any("prediction" in table.header for table in section.tables) == (not same)
+        header = _show_judgement(own).tables[0].header
+        assert len(header) == 8 and len(header) == len(_show_judgement(own).tables[0].rows[0])
 
 
 def test_settings_are_grouped_and_spread():

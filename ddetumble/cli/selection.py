@@ -57,7 +57,9 @@ def compare_models(
 
 def _list_further(result: "Comparison | Comparisons", campaign: str, model: str, measured: "Campaign") -> list[str]:
     """Commands that go on from one model that fails: what is missing, and, where it fails by far, other models."""
+    from ..contact.effect import identify_model
     from ..families import find_family, name_family
+    from ..inference.archive import resolve_model
     from ..selection.compare import Comparison
     from ..selection.settings import DEFAULT
 
@@ -67,7 +69,8 @@ def _list_further(result: "Comparison | Comparisons", campaign: str, model: str,
         return []
     chosen = ["-m", model] if model != "paper" else []
     found = [f"What is missing: ddetumble discover {shlex.join([campaign, *chosen])}"]
-    others = [name for name, built in family.models.items() if built.rival and name != model]
+    own = identify_model(resolve_model(model, name_family(measured)).reference)
+    others = [name for name, built in family.models.items() if built.rival and identify_model(built.make()) != own]
     if others and result.chi2_reduced > DEFAULT.far:
         beside = shlex.join([campaign, *(word for name in (model, *others) for word in ("-m", name))])
         found.append(f"Other reference models beside it: ddetumble compare {beside}")

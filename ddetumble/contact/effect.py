@@ -183,6 +183,11 @@ def parts_of(model: Any) -> tuple[Any, ...]:
     return (model, *(p for part in parts if isinstance(part, AbstractModel) for p in parts_of(part)))
 
 
+def identify_model(model: Any) -> tuple[Any, ...]:
+    """What two reference models have in common that are the same but for their names: their parts and choices."""
+    return tuple(type(part) for part in parts_of(model)), tuple(list_choices(model).items())
+
+
 class Shown(eqx.Module):
     """A module that prints its values: `Adhesion(tau_a=8.6e+04)`."""
 

@@ -13,8 +13,8 @@ import pandas as pd
 
 from .. import figures
 from .._sentences import tell
-from ..families import View, find_family
-from ..figures.traces import are_values, find_span, find_stretch, standardise
+from ..families import DEFAULT_FAMILY, View, find_family
+from ..figures.traces import are_values, find_span, find_stretch, list_varying, standardise
 from ..measurement.quantities import (
     clean,
     describe_quantity,
@@ -33,8 +33,8 @@ from ..selection.compare import Comparison, Comparisons
 from ..selection.discovery import Discovery
 from ..selection.preview import Preview, preview_effects
 from ..selection.result import MissingForce, Place, SettingShift, Step, Trace
-from ..selection.series import list_channels, relies_on_settings
-from ..selection.text import choose_view, list_alternatives, say_place, say_verdict, share_at_step, show_estimate
+from ..selection.series import have_predictions, list_channels, relies_on_settings
+from ..selection.text import choose_view, list_alternatives, say_places, say_verdict, share_at_step, show_estimate
 from .page import Picture, Section, Table, draw_picture, flatten, pause_collection, write_page
 from .sliders import show_sliders
 
@@ -113,7 +113,7 @@ def _arrange_sections(discovery: Discovery, preview: Future[Preview | None] | No
                 sections.append(show_shifts({label: step.shifts for label, step in models.items()}))
         elif discovery.where:
             view = choose_view(family=discovery.family)
-            sections.append(Section("Where the model fails", points=[say_place(one, view) for one in discovery.where]))
+            sections.append(Section("Where the model fails", points=say_places(discovery.where, view)))
     if discovery.missing is not None:
         sections += show_missing(discovery.missing)
     if discovery.candidates:
@@ -142,22 +142,27 @@ def show_errors(labels: Sequence[tuple], steps: Sequence[Step | Comparison], flo
     comparison its free parameters), floors of the noise one a model, names of the models in the figure, and `converged`
     the last cells; none for a comparison.
     """
+    settled = have_predictions(steps)
     rows = [(*label, format_number(step.chi2_reduced), format_error(step.nrmse), format_error(step.heldout_nrmse),
-             format_error(step.prediction_nrmse), format_share(step.prediction_coverage), format_error(floor),
+             *[format_error(step.prediction_nrmse)] * settled, format_share(step.prediction_coverage),
+             format_error(floor),
              "yes" if step.lack_of_fit.rejected else "no", *converged[k : k + 1])
             for k, (label, step, floor) in enumerate(zip(labels, steps, floors, strict=True))]
-    header = ("model", *(("free",) if len(labels[0]) > 1 else ()), "χ² / dof", "error", "cross-validated", "prediction",
-              "coverage", "noise floor", "misfit left", *(("converged",) if converged else ()))
+    header = ("model", *(("free",) if len(labels[0]) > 1 else ()), "χ² / dof", "error", "cross-validated",
+              *["prediction"] * settled, "coverage", "noise floor", "misfit left",
+              *(("converged",) if converged else ()))
+    family = find_family(steps[0].traces[0].family if steps[0].traces else DEFAULT_FAMILY)
+    adjusted = (", with its own settings adjusted within their stated uncertainty. Prediction: the same with the "
+                "settings as they are written down; c" if settled else ". C")
     table = Table(header, rows, (
-        "Cross-validated: each condition is predicted by the model fitted without it, with its own settings adjusted "
-        "within their stated uncertainty. Prediction: the same with the settings as they are written down; coverage is "
-        "the share of samples within the predicted 95 % interval."))
+        f"Cross-validated: each {family.folds.removesuffix('s')} is predicted by the model fitted without it{adjusted}"
+        "overage is the share of samples within the predicted 95 % interval."))
     loop = ", for every model of the loop" if converged else ""
     diamonds = (" Diamonds: predictions from the settings as they are written down, where moved settings did the work "
                 "of physics in a fit.") if relies_on_settings(steps) else ""
     picture = draw_picture(
         "error-by-step", f"Root mean square of the residual over that of the signal{loop}: for all records, and for "
-        "conditions left out one after the other. The noise floor is the error of a perfect model." + diamonds,
+        f"{family.folds} left out one after the other. The noise floor is the error of a perfect model." + diamonds,
         figures.draw_error_by_step, steps, names, min(floors),
         alt=f"Error of {len(steps)} models against the noise floor of {format_error(min(floors))}.")
     return Section("The error, step by step", figures=[picture], tables=[table])
@@ -173,8 +178,9 @@ def show_fits(models: Mapping[str, Sequence[Trace]]) -> Section:
                        "noise.")
             pictures.append(draw_picture(f"values-{channel}", caption, figures.draw_values, models, channel))
             continue
-        caption = (f"{_begin(channel)} of records spread over the conditions: measured (dots) and modelled (lines). "
-                   "Below each, measured minus model in units of the noise, single samples faint and their running "
+        spread = " spread over the conditions" if list_varying(first) else ""
+        caption = (f"{_begin(channel)} of records{spread}: measured (dots) and modelled (lines). Below each, "
+                   "measured minus model in units of the noise, single samples faint and their running "
                    "mean as a line.")
         if any(find_stretch(trace) != find_span(trace) for trace in first if trace.channel == channel):
             caption += " For records with too many turns to be resolved, only the end is drawn."
@@ -190,26 +196,29 @@ def show_failures(models: Mapping[str, Sequence[Trace]], noise: Mapping | None =
     """Where the residuals sit, and what they depend on; `where` is None where nobody looked for places."""
     first = next(iter(models.values()))
     view, channels, pictures = choose_view(first), list_channels(first), []
+    order = " in the order of its conditions" if list_varying(first) else ""
+    settings = ", or a wrong setting in one record" if list_varying(first) else ""
+    conditions = " and condition" if list_varying(first) else ""
+    cell = "at each condition, repeats pooled" if list_varying(first) else "of each record"
     if not are_values(first):  # residuals of values are all seen beside the measurements
         pictures.append(draw_picture(
-            "residual-map", "Mean residual over the noise, one row per record in the order of its conditions. Stripes "
-            "that many rows share suggest physics; scattered colour is noise, or a wrong setting in one record.",
+            "residual-map", f"Mean residual over the noise, one row per record{order}. Stripes that many rows share "
+            f"suggest physics; scattered colour is noise{settings}.",
             figures.draw_residual_map, models, alt=f"Heat map of the residuals by record and {view.share}."))
         pictures.append(draw_picture(
-            "record-errors", "Root mean square of the residual over the noise at each condition, repeats pooled. 1 is "
-            "as good as a model can be.", figures.draw_record_errors, models,
-            alt="Grid of the error over the noise by condition."))
+            "record-errors", f"Root mean square of the residual over the noise {cell}. 1 is as good as a model can be.",
+            figures.draw_record_errors, models,
+            alt="Grid of the error over the noise by condition or record."))
         apart = f"{view.apart} apart, " if view.phases else ""
         for channel in channels:
             pictures.append(draw_picture(
-                f"dependence-{channel}", f"{_begin(channel)}: mean residual against state and condition, {apart}with "
+                f"dependence-{channel}", f"{_begin(channel)}: mean residual against state{conditions}, {apart}with "
                 "two standard errors from the scatter between records.",
                 figures.draw_dependence, models, channel, (noise or {}).get(channel), where or (),
                 alt=f"Mean residual of the {describe_quantity(channel).name} against state and conditions."))
         if view.force in channels:
             pictures.append(_show_missing(models, view))
-    points = [] if where is None else [say_place(place, view) for place in where] or ["The misfit is concentrated "
-                                                                                      "nowhere in particular."]
+    points = [] if where is None else say_places(where, view) or ["The misfit is concentrated nowhere in particular."]
     return Section("Where the model fails" if where else "Where the residuals sit", points=points, figures=pictures)
 
 
@@ -277,7 +286,7 @@ def _format_size(value: float) -> str:
 
 
 def _show_ranking(discovery: Discovery) -> Section:
-    rows = []
+    rows, settled = [], have_predictions(discovery.candidates)
     for one in discovery.candidates:
         sizes = [f"{clean(key.removeprefix(f'{one.effect}.'))} {_format_size(value)} "
                  f"{clean(one.units.get(key, ''), 16)}".rstrip() for key, value in one.smallest_detectable.items()]
@@ -288,10 +297,11 @@ def _show_ranking(discovery: Discovery) -> Section:
         gain = format_share(one.explains, 1) + ("" if later is None else
                                                 f"; step {later[0]} {format_share(later[1], 1)}")
         rows.append((clean(one.effect), gain, format_p(one.p_value), format_small_share(one.visible),
-                     format_error(one.heldout_nrmse), format_error(one.prediction_nrmse), difference,
+                     format_error(one.heldout_nrmse), *[format_error(one.prediction_nrmse)] * settled, difference,
                      ", ".join(sizes) or "–", ", ".join(map(clean, one.indistinguishable_from)) or "–"))
-    header = ("effect", "explains", "p", "visible", "cross-validated", "prediction",
+    header = ("effect", "explains", "p", "visible", "cross-validated", *["prediction"] * settled,
               "behind the best, cross-validated [noise variances]", "smallest detectable", "imitated by")
+    free = "initial rates" if find_family(discovery.family).free_running else "settings"
     marked = frozenset(i for i, one in enumerate(discovery.candidates) if one.effect in discovery.effects)
     tables = [Table(header, rows, "All effects of the catalogue, each alone beside the reference model, as they stood "
                     "at the first step; the bars show the same. Imitated by: effects whose signatures are alike there.",
@@ -299,7 +309,7 @@ def _show_ranking(discovery: Discovery) -> Section:
     paragraphs = [
         "Explains: the share of the misfit above noise that the effect alone explains after a refit; of an effect that "
         "came in at a later step also the share that this step explained. Visible: the share of its own signature that "
-        f"is left when {choose_view(family=discovery.family).free} and the records' settings are free to imitate it; "
+        f"is left when {choose_view(family=discovery.family).free} and the records' {free} are free to imitate it; "
         f"below {100 * discovery.settings.invisible:g} % this campaign cannot detect it. A strong effect is seen by "
         "a small share, too: from its smallest detectable size on."]
     for number, (before, step) in enumerate(zip(discovery.steps, discovery.steps[1:], strict=False), 1):
@@ -353,15 +363,15 @@ def _show_faults(discovery: Discovery) -> Section:
 
 def _show_judgement(discovery: Discovery) -> Section:
     """How the verdict was reached: the test at each step, the noise, and what was assumed."""
-    rows = []
+    rows, settled = [], any(step.shifts for step in discovery.steps)
     for number, step in enumerate(discovery.steps):
         fit = step.lack_of_fit
         rows.append((name_step(discovery.steps, number, discovery.model), format_number(fit.statistic),
                      format_number(fit.degrees), format_p(fit.smooth_p_value), format_p(fit.score_p_value),
-                     format_p(fit.settings_p_value), format_p(fit.p_value), f"{fit.level:g}",
+                     *[format_p(fit.settings_p_value)] * settled, format_p(fit.p_value), f"{fit.level:g}",
                      "rejected" if fit.rejected else "not rejected"))
-    header = ("model", "χ² / dof, smooth part", "dof", "its p-value", "p of the largest score", "p of the settings",
-              "decisive p", "level", "verdict")
+    header = ("model", "χ² / dof, smooth part", "dof", "its p-value", "p of the largest score",
+              *["p of the settings"] * settled, "decisive p", "level", "verdict")
     tables = [Table(header, rows, "Tests for lack of fit beyond noise and setting errors.")] if rows else []
     noise = []
     for channel, one in discovery.noise.items():
@@ -472,8 +482,7 @@ def tabulate_errors(result: Comparison) -> Section:
     """Errors by channel, condition and record as a part of a page, every column with its unit."""
     units = {str(row["channel"]): str(row["unit"]) for _, row in result.channels.iterrows()}
     tables = [_tabulate(result.channels.drop(columns="unit"), units, "By channel.")]
-    if any(name not in _COLUMNS and not name.startswith("ratio") and name not in _RESIDUALS
-           for name in result.conditions.columns):
+    if result.names_conditions:
         tables.append(_tabulate(result.conditions, units,
                                 "By condition; each row is the mean over tests with equal settings."))
     tables.append(_tabulate(result.records, units, "By record."))

@@ -28,9 +28,9 @@ from .localise import residual_places
 from .problem import Fitted, PredictionError, SelectionProblem, fit_reference, pose_selection
 from .result import Estimate, LackOfFit, Place, SettingShift, Trace, list_shifts
 from .sequential import Sequential, follow_records
-from .series import list_channels, make_traces, nrmse, split_error
+from .series import have_predictions, list_channels, make_traces, measure_ratio, nrmse, split_error
 from .settings import DEFAULT
-from .text import describe_place
+from .text import describe_place, tells_nothing
 from .verdict_facts import describe_level, find_longest
 
 
@@ -62,7 +62,8 @@ class Comparison(AbstractWritten):
         noise: by channel.
         traces: model beside measurement, every record and channel.
         shifts: how far the settings of the records were moved.
-        held_nrmse: `nrmse` with every condition as it is written down; None where no setting was moved beyond chance.
+        held_nrmse, held_ratio: `nrmse` and the error over the noise with every condition as it is written down; None
+            where no setting was moved beyond chance.
         notes: sentences on records outside the model's range, and on samples that were not taken.
         effects: ids of the effects in the model.
         heldout_nrmse: the cross-validated error; of a model that was fitted to another campaign `nrmse` itself, as none
@@ -98,6 +99,7 @@ class Comparison(AbstractWritten):
     traces: tuple[Trace, ...]
     shifts: tuple[SettingShift, ...] = ()
     held_nrmse: float | None = None
+    held_ratio: float | None = None
     notes: tuple[str, ...] = ()
     effects: tuple[str, ...] = ()
     heldout_nrmse: float = float("nan")
@@ -110,12 +112,18 @@ class Comparison(AbstractWritten):
     free: int = 0
     sequential: Sequential | None = None
 
+    @property
+    def names_conditions(self) -> bool:
+        """Whether rows of `conditions` say which condition they are of: tests that start freely have none."""
+        return list(self.conditions.columns).index("records") > 0  # which stands behind the conditions
+
     def __str__(self) -> str:
         """The outcome for a terminal."""
         parts = ["\n".join((self.sentence, *(f"- {note}" for note in self.notes)))]
         for title, table in (("By channel", self.channels), ("By condition", self.conditions),
                              ("By record", self.records)):
-            parts.append(f"{title}:\n" + table.to_string(index=False, float_format="{:.4g}".format))
+            if title != "By condition" or self.names_conditions:  # rows without a name say less than those by record
+                parts.append(f"{title}:\n" + table.to_string(index=False, float_format="{:.4g}".format))
         rows = [(f"  {name} = {e.estimate:.6g} +- {e.sd:.2g} {e.unit}" if e.sd > 0 else
                  f"  {name} = {e.estimate:.6g} {e.unit} (at a limit, or not determined)").rstrip()
                 for name, e in self.parameters.items()]
@@ -125,9 +133,10 @@ class Comparison(AbstractWritten):
             parts.append("\n".join(["Settings shifted by the fit, in stated standard deviations:", *(
                 f"  {s.name}: {s.rms:.2g} RMS, {s.largest:+.2g} largest (record {s.record})" for s in self.shifts)]))
         if np.isfinite(self.heldout_nrmse):
-            predicted = "" if not np.isfinite(self.prediction_nrmse) else (
-                f"; prediction with settings as written down: {100 * self.prediction_nrmse:.2f} %, "
-                f"{100 * self.prediction_coverage:.0f} % of samples within the 95 % interval")
+            predicted = f"; prediction with settings as written down: {100 * self.prediction_nrmse:.2f} %"
+            predicted = predicted if have_predictions([self]) else ""
+            if np.isfinite(self.prediction_coverage):
+                predicted += f", {100 * self.prediction_coverage:.0f} % of samples within the 95 % interval"
             parts.append(f"Error: {100 * self.nrmse:.2f} % fitted, {100 * self.heldout_nrmse:.2f} % cross-validated, "
                          f"{100 * self.noise_nrmse:.2f} % noise{predicted}.")
         if self.sequential is not None:
@@ -215,7 +224,8 @@ class Comparisons(Sequence[Comparison], AbstractWritten):
             shown[name] = [f"{100 * x:.2f} %" if np.isfinite(x) else "–" for x in shown[name]]
         shown["misfit left"] = [f"{'yes' if x else 'no'} (p {'< 1e-6' if p < 1e-6 else f'{p:.2g}'})"
                                 for x, p in zip(shown["rejected"], shown["p_value"], strict=True)]
-        shown = shown.drop(columns=["rejected", "p_value", "converged"]).rename(columns={
+        same = [] if have_predictions(self.models) else ["prediction_nrmse"]
+        shown = shown.drop(columns=["rejected", "p_value", "converged", *same]).rename(columns={
             "chi2_reduced": "chi2/dof", "heldout_nrmse": "cross-validated", "prediction_nrmse": "predicted",
             "prediction_coverage": "coverage", "noise_nrmse": "noise"})
         notes = dict.fromkeys([*self.failures, *(note for one in self.models for note in one.notes)])
@@ -341,6 +351,7 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
     channels = pd.DataFrame([{"channel": channel, "unit": series[0].unit, **_errors(series)}
                              for channel, series in _split(traces).items()])
     shifts = measure_shifts(bench.records, solution, campaign=bench.campaign)
+    held = measure_held(bench, solution, level) if is_moved(shifts) else None
     adjusted = predicted = PredictionError(np.full(len(keys), np.nan), float("nan"))
     if resolved.fitted and own is None:
         adjusted = PredictionError(split_error(bench.records, solution.channels), float("nan"))
@@ -356,7 +367,7 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
         residuals=bin_residuals(traces, dict(zip(keys, solution.end, strict=True)), campaign, bench.family),
         parameters=public_estimates(bench, chosen.solution) if names else {},
         where=tuple(residual_places(bench, fitted)), noise=describe_noise(bench), traces=traces, shifts=shifts,
-        held_nrmse=measure_held(bench, solution) if is_moved(shifts) else None,
+        held_nrmse=held and held.nrmse, held_ratio=held and held.ratio,
         notes=tuple(dict.fromkeys((*bench.warnings, *told, *filter(None, [thinned])))),
         effects=fitted.effects, heldout_nrmse=adjusted.nrmse,
         prediction_nrmse=predicted.nrmse, prediction_coverage=predicted.coverage, heldout_squares=adjusted.squares,
@@ -500,7 +511,7 @@ def _bin(z: list[np.ndarray], pairs: list[tuple[np.ndarray, np.ndarray]]) -> lis
 
 def _tell(found: Comparison, campaign: Campaign, family: Family, disputed: Sequence[str]) -> Sentence:
     """The outcome in words; the priors of the `disputed` parameters are none that the records agree with."""
-    ratio, lack = float(np.sqrt(np.mean(found.channels["ratio"] ** 2))), found.lack_of_fit
+    ratio, lack = measure_ratio(found.traces), found.lack_of_fit
     if not lack.rejected and not lack.tested:
         return say("verdict.untested", model=repr(found.model), ratio=ratio, records=len(found.records))
     if not lack.rejected:
@@ -512,6 +523,7 @@ def _tell(found: Comparison, campaign: Campaign, family: Family, disputed: Seque
     if found.where:
         spot = max(found.where, key=lambda w: (sizes.get(w.channel, 0.0), w.share))
         place = describe_place(spot, dc.replace(family.view, longest=find_longest(found.traces)))
-    level = {**describe_level(0.0, found.noise_nrmse, found.shifts, found.held_nrmse), "ratio": ratio}
+        place = None if tells_nothing(place) else place
+    level = describe_level(ratio, found.shifts, found.held_ratio)
     return say("verdict.fails", model=repr(found.model), level=level, worst=worst["record"], settings=settings,
                ratio=float(worst["ratio"]), place=place)

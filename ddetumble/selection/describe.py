@@ -1,7 +1,7 @@
 """Steps and candidates as plain records: errors, parameters, correlations, what each effect explains."""
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from ..inference import distributions as stats
 from ..inference.bounded import Bounded
 from ..inference.findings import Fit, estimate_parameters, summarise_fit
 from ..inference.identifiability import analyse_fit, analyse_with_refits, limit_knowledge, list_unproven
+from ..inference.noise import Noise
 from ..inference.problem import Solution
 from .cross_validation import compare_losses
 from .detectability import LEAST, detectable_length, find_size
@@ -17,7 +18,7 @@ from .forward_selection import CandidateFits, FittedStep, fit_with_shapes, list_
 from .lack_of_fit import Score, correct_for_many, doubt_level, hold_settings, is_moved, measure_shifts
 from .problem import Fitted, SelectionProblem
 from .result import Candidate, Estimate, SettingSpread, Step
-from .series import make_traces, nrmse, split_error
+from .series import make_traces, measure_ratio, nrmse
 
 
 WIDEST = 10.0  # standard deviations that are told, in those beyond which nothing is known
@@ -76,20 +77,30 @@ def describe_step(selection: SelectionProblem, grown: FittedStep, before: Fitted
              for i, j in zip(*np.triu_indices(len(names), 1), strict=True)]
     correlations = sorted((p for p in pairs if abs(p[2]) >= FAINT), key=lambda p: -abs(p[2]))
     predicted = selection.predict(fitted)
+    moved = is_moved(shifts, selection.settings.level_each)
+    held = measure_held(selection, solution, selection.noise) if moved else None
     return Step(
         added=added, effects=fitted.effects,
         chi2_reduced=selection.reduce_chi2(solution), nrmse=nrmse(traces),
         heldout_nrmse=selection.cross_validate(fitted), alternatives=alternatives,
         lack_of_fit=grown.lack, parameters=public_estimates(selection, solution),
         correlations=tuple(correlations), traces=traces, converged=solution.converged, shifts=shifts,
-        held_nrmse=measure_held(selection, solution) if is_moved(shifts, selection.settings.level_each) else None,
+        held_nrmse=held and held.nrmse, held_ratio=held and held.ratio,
         prediction_nrmse=predicted.nrmse, prediction_coverage=predicted.coverage)
 
 
-def measure_held(selection: SelectionProblem, solution: Solution) -> float:
-    """rms error over rms signal of a model refitted with every condition as it is written down."""
+class Held(NamedTuple):
+    """Errors of a model refitted with every condition as it is written down: rms over rms signal, and over noise."""
+
+    nrmse: float
+    ratio: float
+
+
+def measure_held(selection: SelectionProblem, solution: Solution, noise: Mapping[str, Noise]) -> Held:
+    """Refit a model with every condition as it is written down; its errors, beside that noise."""
     held = hold_settings(selection.problem, solution)
-    return float(np.sqrt(np.sum(split_error(selection.records, held.channels))))
+    traces = make_traces(selection.campaign, selection.records, held, noise)
+    return Held(nrmse(traces), measure_ratio(traces))
 
 
 def describe_noise(selection: SelectionProblem) -> dict[str, dict[str, Any]]:

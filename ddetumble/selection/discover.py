@@ -4,7 +4,7 @@ import contextlib
 import dataclasses as dc
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path as FilePath
 from typing import Any, NamedTuple
@@ -15,10 +15,11 @@ from .._display import Progress, nest_progress
 from .._errors import ComputationError, InputError
 from .._sentences import say
 from .._settings import forget_programs
-from ..contact.effect import AbstractEffect, list_choices, parts_of, require_effect
+from ..contact.effect import AbstractEffect, identify_model, require_effect
 from ..families import find_family, name_family, open_campaign
 from ..inference.archive import Model, resolve_model
 from ..inference.models import ResolvedModel
+from ..inference.noise import Noise
 from ..inference.systematics import measure_systematics, tell_systematics
 from ..measurement.campaign import Campaign, count_conditions
 from ..measurement.plausibility import check_plausibility
@@ -44,7 +45,7 @@ from .problem import Fitted, SelectionProblem, Zeros, fit_reference, pose_select
 from .restatements import find_restatement
 from .result import OPEN, MissingForce, Place, Rounding
 from .rounding import find_rounding
-from .series import make_traces, nrmse
+from .series import make_traces, measure_ratio, nrmse
 from .settings import DEFAULT, SelectionSettings
 from .verdict_facts import list_doubts, list_notes, name_reason, tell_discovery
 
@@ -149,7 +150,7 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
             "records": selection.records.count, "samples": int(selection.records.lengths.sum()),
             "conditions": count_conditions(campaign.records), "seconds": round(time.perf_counter() - began, 2)},
         faults=state.faults, doubts=doubts, references=tuple(
-            _describe_reference(n, kind.models[n].text, *one) for n, one in reached.items()),
+            _describe_reference(n, kind.models[n].text, *one, selection.noise) for n, one in reached.items()),
         spread=describe_spread(selection), irregular=end.irregular, biases=tuple(end.biases), shared_error=shared,
         rounding=end.rounding, dropped=dropped, explanations=explanations,
         missing=end.missing if isinstance(end.missing, MissingForce) and not end.irregular else None,
@@ -402,13 +403,10 @@ def _fit_references(asked: ResolvedModel, begin: Begin, state: Cleaned, own: Fit
                     report: Progress) -> list[tuple[str, SelectionProblem, Fitted]]:
     """Fits of every other built-in reference model of the family that does not fit far worse by itself than the one
     that was asked for, whose fit is `own`; with their names, the best first."""
-    def identify(reference):  # what makes two reference models one
-        return tuple(type(part) for part in parts_of(reference)), tuple(list_choices(reference).items())
-
-    fitted, known = [], [identify(asked.reference)]
+    fitted, known = [], [identify_model(asked.reference)]
     for name, built in find_family(name_family(state.campaign)).models.items():
         reference = built.make()
-        if not built.rival or identify(reference) in known:
+        if not built.rival or identify_model(reference) in known:
             continue
         report(f"fitting other reference models: {name}", math.nan)
         try:
@@ -419,7 +417,7 @@ def _fit_references(asked: ResolvedModel, begin: Begin, state: Cleaned, own: Fit
         same = abs(other.chi2 - one.chi2) <= settings.same_reference * one.chi2 and len(other.names) == len(one.names)
         if not same and other.chi2 - rows <= settings.farthest_reference * max(one.chi2 - rows, 1.0):
             fitted.append((name, selection, alone))
-            known.append(identify(selection.space.reference))
+            known.append(identify_model(selection.space.reference))
     return sorted(fitted, key=lambda one: one[2].merit)
 
 
@@ -434,9 +432,11 @@ def _search_beside(fits: Sequence[tuple[str, SelectionProblem, Fitted]], setting
     return found
 
 
-def _describe_reference(name: str, text: str, selection: SelectionProblem, step: FittedStep) -> dict[str, Any]:
-    """How far another reference model came, as `result.json` has it."""
+def _describe_reference(name: str, text: str, selection: SelectionProblem, step: FittedStep, noise: Mapping[str, Noise]
+                        ) -> dict[str, Any]:
+    """How far another reference model came beside the noise that the discovery found, as `result.json` has it."""
     solution = step.fitted.solution
-    traces = make_traces(selection.campaign, selection.records, solution, selection.noise)
+    traces = make_traces(selection.campaign, selection.records, solution, noise)
     return {"model": name, "text": text, "effects": list(step.fitted.effects), "parameters": len(solution.names),
-            "rejected": step.lack.rejected, "p_value": step.lack.p_value, "chi2": solution.chi2, "nrmse": nrmse(traces)}
+            "rejected": step.lack.rejected, "p_value": step.lack.p_value, "chi2": solution.chi2, "nrmse": nrmse(traces),
+            "ratio": measure_ratio(traces)}

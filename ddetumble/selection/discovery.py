@@ -29,8 +29,9 @@ from .result import (
     Step,
     list_shifts,
 )
+from .series import measure_ratio
 from .settings import DEFAULT, SelectionSettings
-from .text import align, choose_view, format_candidates, format_steps, say_place, say_verdict, show_estimate, wrap
+from .text import align, choose_view, format_candidates, format_steps, say_places, say_verdict, show_estimate, wrap
 
 
 @dc.dataclass(frozen=True)
@@ -149,7 +150,7 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
         found, last = fit.fitted_model(), self.steps[-1]
         is_open = (self.verdict in OPEN
                    or (self.verdict == "undecided" and last.lack_of_fit.rejected))
-        misfit = last.nrmse / self.noise_nrmse if is_open and self.noise_nrmse > 0 else None
+        misfit = measure_ratio(last.traces) if is_open and self.noise_nrmse > 0 else None
         return dc.replace(found, extra={**found.extra, "verdict": self.verdict, "misfit": misfit})
 
     def __str__(self) -> str:
@@ -169,8 +170,8 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
             parts.append(align(("parameter", "estimate", "95 % interval", ""), rows, "l" * 4))
         if self.where:
             view = choose_view([trace for step in self.steps[:1] for trace in step.traces], self.family)
-            places = (wrap(say_place(one, view), "  ") for one in self.where)
-            parts.append("\n".join(["Where the misfit sits:", *places]))
+            places = [wrap(one, "  ") for one in say_places(self.where, view)]
+            parts.append("\n".join(["Where the misfit sits:", *places]) if places else "")
         if self.missing is not None:
             parts.append("\n".join(["The missing force:", wrap(clean(self.missing.sentence, 4000), "  "),
                                    *(wrap(clean(note, 2000), "  ") for note in self.missing.notes)]))

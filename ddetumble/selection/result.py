@@ -144,6 +144,7 @@ class Step:
     converged: bool
     shifts: tuple[SettingShift, ...] = ()
     held_nrmse: float | None = None  # refitted with conditions as written down; None where shifts are within chance
+    held_ratio: float | None = None  # the same over the noise, every channel with the same weight
     prediction_nrmse: float = float("nan")  # cross-validated from settings as they are written down
     prediction_coverage: float = float("nan")  # share of samples within the predicted 95 % interval
 

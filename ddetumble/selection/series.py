@@ -1,6 +1,6 @@
 """Model beside measurement, record by record and channel by channel, and how large the error is against the signal."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,14 @@ def relies_on_settings(steps: Sequence[Any]) -> bool:
     """Whether a model among steps, or comparisons, owes its cross-validated error to settings that it moves:
     predictions from settings as they are written down err by far more."""
     return any(np.isfinite(one.prediction_nrmse) and one.prediction_nrmse > RELIES * one.heldout_nrmse for one in steps)
+
+
+def have_predictions(models: Iterable[Any]) -> bool:
+    """Whether predictions of steps, comparisons or candidates from settings as written down are another thing than
+    their cross-validation: of records without settings that could move they are the same, as of those that have none.
+    """
+    return any(np.isfinite(one.prediction_nrmse) and not np.isclose(one.prediction_nrmse, one.heldout_nrmse, rtol=1e-6)
+               for one in models)
 
 
 def make_traces(campaign: Campaign, records: Records, solution: Solution, noise: Mapping[str, Noise] | None = None
@@ -86,6 +94,18 @@ def nrmse_by_channel(traces: Sequence[Trace], noise: bool = False) -> dict[str, 
         below = sum(float(np.sum(t.measured[there] ** 2)) for t, there in own)
         found[channel] = float(np.sqrt(above / below)) if below > 0 else float("nan")
     return found
+
+
+def measure_ratio(traces: Sequence[Trace]) -> float:
+    """Root mean square of the residuals over the noise, every channel with the same weight: the error that sentences
+    give as `x × noise`. Its square is chi-square per sample of white noise.
+    """
+    ratios = []
+    for channel in list_channels(traces):
+        own = np.concatenate([(t.measured - t.model) / t.sd for t in traces if t.channel == channel])
+        if np.isfinite(own).any():
+            ratios.append(float(np.nanmean(own**2)))
+    return float(np.sqrt(np.mean(ratios))) if ratios else float("nan")
 
 
 def nrmse(traces: Sequence[Trace], noise: bool = False) -> float:

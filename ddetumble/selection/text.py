@@ -1,6 +1,7 @@
 """Findings in words and in rows of tables, for a terminal; pages take the same words."""
 
 import dataclasses as dc
+import itertools
 import math
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -14,14 +15,15 @@ from ..inference.findings import Fitted
 from ..measurement import quantities as q
 from ..measurement.units import format_time
 from .result import Candidate, Estimate, Place, Step, Trace
+from .series import have_predictions
 from .settings import DEFAULT
 
 
-WIDTH = 100  # columns of a terminal: tables are cut there
+WIDTH, NARROWEST = 100, 16  # columns of a terminal, and of a column of words that makes room in it
 # Candidates that are always shown, and what others must explain to be shown too: less is noise to a reader.
 FEWEST, NEAR = 5, 0.05
 WHOLE = 0.995  # share from which a range is all there is, as it is printed to 1 %
-MARGIN = 0.02  # of the longest record, by which a range may fall short of it and still be all of it: less than a bin
+MARGIN = 0.1  # of the longest record, by which a range may fall short of it and still be all of it: about a bin
 _PHASES = {"loading": " while loading", "unloading": " while unloading", "forward": " on strokes forward",
            "backward": " on strokes backward"}
 
@@ -61,9 +63,15 @@ def describe_place(place: Place, view: View) -> dict[str, Any]:
     }
 
 
-def say_place(place: Place, view: View) -> Sentence:
-    """Where a misfit sits, as a sentence of its own."""
-    return say("words.place_alone", one=describe_place(place, view))
+def tells_nothing(one: Mapping[str, Any]) -> bool:
+    """Whether a place, as `describe_place` has it, is the whole record, which is no finding."""
+    return one["throughout"] and one["period"] is None and one["removes"] is None
+
+
+def say_places(places: Sequence[Place], view: View) -> list[Sentence]:
+    """Where a misfit sits, a sentence a place that says anything."""
+    found = [describe_place(place, view) for place in places]
+    return [say("words.place_alone", one=one) for one in found if not tells_nothing(one)]
 
 
 def show_estimate(estimate: Estimate | Fitted) -> tuple[str, str, str, str]:
@@ -98,27 +106,41 @@ def choose_view(traces: Sequence[Trace] = (), family: str = DEFAULT_FAMILY) -> V
 
 
 def align(header: Sequence[str], rows: Sequence[Sequence[str]], sides: str) -> str:
-    """A table as text: columns two spaces apart, `l`eft or `r`ight by `sides`, a rule below the header."""
-    widths = [max(len(str(row[i])) for row in (header, *rows)) for i in range(len(header))]
+    """A table as text: columns two spaces apart, `l`eft or `r`ight by `sides`, a rule below the header.
 
-    def line(cells) -> str:
-        return "  ".join(str(cell).ljust(width) if side == "l" else str(cell).rjust(width)
-                         for cell, width, side in zip(cells, widths, sides, strict=True)).rstrip()[:WIDTH]
+    Where it is wider than `WIDTH`, the widest of the columns to the left go on in further lines, so that none is cut.
+    """
+    cells = [[str(cell) for cell in row] for row in (header, *rows)]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    left = [i for i, side in enumerate(sides) if side == "l"]
+    while sum(widths) + 2 * (len(widths) - 1) > WIDTH:
+        widest = max(left, key=lambda i: widths[i], default=-1)
+        if widest < 0 or widths[widest] <= NARROWEST:
+            break
+        widths[widest] -= 1
 
-    return "\n".join([line(header), "-" * min(sum(widths) + 2 * (len(widths) - 1), WIDTH), *map(line, rows)])
+    def lay(row: Sequence[str]) -> list[str]:
+        parts = [textwrap.wrap(cell, width, subsequent_indent="  " * (i == 0)) if len(cell) > width else [cell]
+                 for i, (cell, width) in enumerate(zip(row, widths, strict=True))]
+        return ["  ".join(part.ljust(width) if side == "l" else part.rjust(width)
+                          for part, width, side in zip(line, widths, sides, strict=True)).rstrip()
+                for line in itertools.zip_longest(*parts, fillvalue="")]
+
+    head, *body = map(lay, cells)
+    return "\n".join([*head, "-" * (sum(widths) + 2 * (len(widths) - 1)), *itertools.chain(*body)])
 
 
 def format_steps(steps: Sequence[Step], model: str, noise: float) -> str:
     """One row a model of the loop: errors, noise floor, lack of fit; and of several under which noise they are."""
-    rows = []
+    rows, settled = [], have_predictions(steps)
     for number, step in enumerate(steps):
         fit = step.lack_of_fit
         misfit = f"{'yes' if fit.rejected else 'no'} (p {q.format_p(fit.p_value)})"
-        errors = map(q.format_error, (step.nrmse, step.heldout_nrmse, step.prediction_nrmse, noise))
+        errors = map(q.format_error, (step.nrmse, step.heldout_nrmse, *[step.prediction_nrmse] * settled, noise))
         rows.append((q.name_step(steps, number, model), q.format_number(step.chi2_reduced), *errors, misfit,
                      "" if step.converged else "not converged"))
-    header = ("model", "chi2/dof", "nrmse", "cross-val.", "predicted", "noise", "misfit left", "")
-    shown = align(header, rows, "lrrrrrll") if rows else ""
+    header = ("model", "chi2/dof", "nrmse", "cross-val.", *["predicted"] * settled, "noise", "misfit left", "")
+    shown = align(header, rows, "l" + "r" * (len(header) - 3) + "ll") if rows else ""
     if len(rows) > 1:
         shown += "\nAll models are fitted, and their chi2/dof counted, under the noise measured beside the last one."
     return shown
@@ -129,16 +151,17 @@ def format_candidates(candidates: Sequence[Candidate], steps: Sequence[Step], ef
     shown = [one for i, one in enumerate(candidates) if i < FEWEST or one.explains >= NEAR or one.effect in effects]
     if len(candidates) - len(shown) == 1:  # a line about one more would be no shorter
         shown = list(candidates)
-    rows = []
+    rows, settled = [], have_predictions(candidates)
     for one in shown:
         later = share_at_step(steps, one.effect)  # what came in later has explained a share of its own step
         gain = ((q.format_share(one.explains, 1), q.format_p(one.p_value)) if later is None
                 else (f"{q.format_share(later[1], 1)} at step {later[0]}", ""))
         rows.append((("* " if one.effect in effects else "  ") + q.clean(one.effect, 32), *gain,
-                     q.format_small_share(one.visible), *map(q.format_error, (one.heldout_nrmse, one.prediction_nrmse)),
-                     q.clean(", ".join(one.indistinguishable_from), 30)))
-    lines = [align(("  candidate", "explains", "p", "visible", "cross-val.", "predicted", "similar to"), rows,
-                   "lrrrrrl")]
+                     q.format_small_share(one.visible), q.format_error(one.heldout_nrmse),
+                     *[q.format_error(one.prediction_nrmse)] * settled,
+                     q.clean(", ".join(one.indistinguishable_from), 120)))
+    lines = [align(("  candidate", "explains", "p", "visible", "cross-val.", *["predicted"] * settled, "similar to"),
+                   rows, "l" + "r" * (4 + settled) + "l")]
     rest = [one for one in candidates if one not in shown]
     if rest:
         most = max(one.explains for one in rest)

@@ -15,9 +15,9 @@ from .discovery import Discovery
 from .forward_selection import Unphysical
 from .missing.missing_force import summarise_missing
 from .result import OPEN, Candidate, SettingShift, SettingSpread, Step, Trace
-from .series import relies_on_settings
+from .series import measure_ratio, relies_on_settings
 from .settings import DEFAULT, SelectionSettings
-from .text import describe_place
+from .text import describe_place, tells_nothing
 
 
 MEASURING = ("sensor", "gyroscope")  # stages of what happens to readings, not to the ball or the body
@@ -29,16 +29,16 @@ def find_longest(traces: Sequence[Trace]) -> float:
     return max((float(np.nanmax(t.time)) for t in traces if t.independent == "time" and np.size(t.time)), default=0.0)
 
 
-def describe_level(error: float, noise: float, shifts: Sequence[SettingShift], held: float | None,
-                   level: float = DEFAULT.level_each) -> dict[str, Any]:
+def describe_level(ratio: float, shifts: Sequence[SettingShift], held: float | None, level: float = DEFAULT.level_each
+                   ) -> dict[str, Any]:
     """RMS residual over noise; where settings moved beyond chance, which did farthest, and the ratio as stated."""
-    moved, noise = [s for s in shifts if s.p_value * len(shifts) < level], max(noise, 1e-300)
+    moved = [s for s in shifts if s.p_value * len(shifts) < level]
     if not moved:
-        return {"ratio": error / noise, "moved": None, "held": None}
+        return {"ratio": ratio, "moved": None, "held": None}
     worst = max(moved, key=lambda s: abs(s.largest))
     farthest = abs(worst.largest)
     return {
-        "ratio": error / noise, "held": held / noise if held is not None and np.isfinite(held) else None,
+        "ratio": ratio, "held": held if held is not None and np.isfinite(held) else None,
         "moved": {"setting": "time origin" if worst.name == "time" else describe_quantity(worst.name).name,
                   "deviations": f"{farthest:.2g}" if farthest < 99.5 else f"{farthest:.0f}", "record": worst.record,
                   "alike": worst.mean_share if worst.is_alike else None},
@@ -60,7 +60,7 @@ def _describe_spread(one: SettingSpread) -> dict[str, Any]:
 
 
 def _level(step: Step, found: Discovery) -> dict[str, Any]:
-    return describe_level(step.nrmse, found.noise_nrmse, step.shifts, step.held_nrmse, found.settings.level_each)
+    return describe_level(measure_ratio(step.traces), step.shifts, step.held_ratio, found.settings.level_each)
 
 
 def list_choices(found: Discovery) -> list[tuple[str, list[str]]]:
@@ -132,12 +132,14 @@ def tell_discovery(found: Discovery, family: Family, left_out: Sequence[str], un
         near = find_nearer(found)
         if near is not None:
             parts.append(say("verdict.nearer_reference", model=near["model"], text=near["text"].rstrip("."),
-                             effects=near["effects"], ratio=near["nrmse"] / max(found.noise_nrmse, 1e-300)))
+                             effects=near["effects"], ratio=near["ratio"]))
         if allowed := _list_allowed(found):
             parts.append(say("verdict.allowances", **allowed))
         if found.verdict in OPEN and found.where:
             view = dc.replace(family.view, longest=find_longest(first.traces))
-            parts.append(say("verdict.where", place=describe_place(found.where[0], view)))
+            place = describe_place(found.where[0], view)
+            if not tells_nothing(place):
+                parts.append(say("verdict.where", place=place))
         alike = [one for one in list_choices(found) if one[1]]
         if alike:
             parts.append(say("verdict.alike", choices=alike, remedies=family.suggest(found.noise)))
