@@ -243,6 +243,20 @@ def test_numbers_that_do_not_tell_the_file(tmp_path, names, numbers):
         import_tests(files, conditions=path)
 
 
+def test_a_number_that_the_table_lacks_is_named(tmp_path):
+    """The record without a row is the one that is named, and a number that stands there twice with both lines."""
+    files = make_shots(tmp_path, [f"drop_{one:02d}.csv" for one in range(1, 6)])
+
+    def give(numbers):
+        return write(tmp_path / "table.csv", "Run;p [MPa];v [m/s]\n" + "".join(f"{one};1;0.4\n" for one in numbers))
+
+    with pytest.raises(InputError, match=r"drop_04.*Run.*1 to 3, 5, 6\b"):
+        import_tests(files, conditions=give([1, 2, 3, 5, 6]))
+    with pytest.raises(InputError, match="line 5.*drop_03.*line 4"):
+        import_tests(files, conditions=give([1, 2, 3, 3, 4, 5]))
+    assert import_tests(files, conditions=give([1, 2, 3, 4, 5, 9, 9])).record_keys[3] == "drop_04"  # 9 is no record's
+
+
 def test_conditions_table(tmp_path):
     for i in range(2):
         time, force = raw_trace(seed=i)

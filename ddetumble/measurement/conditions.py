@@ -156,26 +156,52 @@ def _match(table: Table, links: dict[str, str], records: dict[str, str]) -> dict
 
 
 def _match_numbers(plan: Plan, table: Table, links: dict[str, str], records: dict[str, str]) -> dict[str, int] | None:
-    """Row of the table for each record by the number that ends its name, where the table has nothing but numbers for
-    the tests and no record is in it by its name; None where that says it of one record only, or of two the same.
-    """
-    if len(links) > 1 or any(_look_up(table, links, records).values()):
+    """Row of the table for each record by the number that ends its name; None where that tells no row of one."""
+    rows = _look_up_numbers(table, links, records)
+    if len(rows) < len(records):
         return None
     [column] = links.values()
-    cells = [re.fullmatch(r"0*(\d+)(?:\.0+)?", cell.strip()) for cell in read_texts(table, column)]
-    ends = {key: re.fullmatch(r"(.*?)0*(\d+)", key) for key in records}
-    if not all(cells) or not all(ends.values()) or len({one[1] for one in ends.values() if one}) > 1:
-        return None
-    numbered = {one[1]: row for row, one in enumerate(cells) if one}
-    rows = {key: numbered[one[2]] for key, one in ends.items() if one and one[2] in numbered}
-    if len(numbered) < len(cells) or len(rows) < len(records) or len(set(rows.values())) < len(rows):
-        return None
     first, ordered = next(iter(rows)), any(name_condition(split_heading(one)[0]) == "sequence" for one in table.columns)
     plan.notes.append(f"The rows of {column} were found by the number that ends a record's name: {first} is "
                       f"{read_texts(table, column)[rows[first]].strip()}." + (not ordered) * (
                           " If it is the order of the tests as well, a column `sequence` of the same numbers lets what "
                           "changes from test to test be looked for."))
     return rows
+
+
+def _look_up_numbers(table: Table, links: dict[str, str], records: dict[str, str]) -> dict[str, int]:
+    """Row of the table for each record whose name ends with the number of one, where the table has nothing but numbers
+    for the tests and no record is in it by its name; none where two records have the same number.
+    """
+    if len(links) > 1 or any(_look_up(table, links, records).values()):
+        return {}
+    [column] = links.values()
+    numbers, ends = _read_numbers(table, column), {key: re.fullmatch(r"(.*?)0*(\d+)", key) for key in records}
+    if numbers is None or not all(ends.values()) or len({one[1] for one in ends.values() if one}) > 1:
+        return {}
+    wanted = {key: int(one[2]) for key, one in ends.items() if one}
+    if len(set(wanted.values())) < len(wanted):
+        return {}
+    rows: dict[str, int] = {}
+    for key, number in wanted.items():
+        found = [row for row, one in enumerate(numbers) if one == number]
+        if len(found) > 1:
+            raise _repeat_row(table, key, *found[:2])
+        if found:
+            rows[key] = found[0]
+    return rows
+
+
+def _read_numbers(table: Table, column: str) -> list[int] | None:
+    """Cells of a column that holds nothing but whole numbers; None of any other."""
+    cells = [re.fullmatch(r"(\d+)(?:\.0+)?", cell.strip()) for cell in read_texts(table, column)]
+    return [int(one[1]) for one in cells if one] if all(cells) else None
+
+
+def _repeat_row(table: Table, key: str, first: int, second: int) -> InputError:
+    """What to say of a record with two rows."""
+    return InputError(f"record {key!r} already has a row on line {table.lines[first]}; keep one", file=table.file,
+                      row=table.lines[second])
 
 
 def _look_up(table: Table, links: dict[str, str], records: dict[str, str]) -> dict[str, list[int]]:
@@ -188,23 +214,39 @@ def _look_up(table: Table, links: dict[str, str], records: dict[str, str]) -> di
         names = {"file": (file, Path(file).name, Path(file).stem), "record": (key, short)}
         rows[key] = [i for i in range(len(table)) if all(cells[link][i] in map(_unify, names[link]) for link in links)]
         if len(rows[key]) > 1:
-            problem = f"record {key!r} already has a row on line {table.lines[rows[key][0]]}; keep one"
-            raise InputError(problem, file=table.file, row=table.lines[rows[key][1]])
+            raise _repeat_row(table, key, *rows[key][:2])
     return rows
 
 
 def _miss_row(table: Table, links: dict[str, str], records: dict[str, str]) -> InputError:
     """What to say of the first record without a row."""
-    found = _look_up(table, links, records)
-    key = next(key for key, rows in found.items() if not rows)
+    there = {key for key, rows in _look_up(table, links, records).items() if rows}
+    there |= set(_look_up_numbers(table, links, records))
+    key = next(key for key in records if key not in there)
     what = f"record {key!r}" + ("" if Path(records[key]).stem == key else f" of {Path(records[key]).name}")
-    cells = [read_texts(table, column) for column in links.values()]
-    there = dict.fromkeys(" ".join(filter(None, map(str, row))) for row in zip(*cells, strict=True))
-    shown = ", ".join(list(there)[:SHOWN]) + (", …" if len(there) > SHOWN else "")
-    columns = "columns " * (len(links) > 1) + " and ".join(links.values())
+    columns, numbers = [*links.values()], _read_numbers(table, next(iter(links.values())))
+    if len(columns) == 1 and numbers:
+        shown = _list_ranges(numbers)
+    else:
+        cells = [read_texts(table, column) for column in columns]
+        shown = [*dict.fromkeys(" ".join(filter(None, map(str, row))) for row in zip(*cells, strict=True))]
+    more = ", …" * (len(shown) > SHOWN)
     # Where no record is found, their names are written differently.
-    remedy = "add one" if any(found.values()) else "write the records' names there"
-    return InputError(f"{what} has no row; {remedy}. Under {columns} stands {shown or 'nothing'}", file=table.file)
+    remedy = "add one" if there else "write the records' names there"
+    holds = f"columns {' and '.join(columns)} hold" if len(columns) > 1 else f"column {columns[0]} holds"
+    return InputError(f"{what} has no row; {remedy}: the {holds} {', '.join(shown[:SHOWN]) or 'nothing'}{more}",
+                      file=table.file)
+
+
+def _list_ranges(numbers: list[int]) -> list[str]:
+    """Whole numbers in words, in order: `1 to 6` for those that follow one another."""
+    ordered, runs = sorted(set(numbers)), []
+    for number in ordered:
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    return [f"{run[0]} to {run[-1]}" if len(run) > 2 else ", ".join(map(str, run)) for run in runs]
 
 
 def _unify(name: str) -> str:
