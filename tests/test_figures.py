@@ -185,6 +185,17 @@ def test_numbers_stand_beyond_their_bars():
     assert any("1.00" in text.get_text() for text in axes.texts)
 
 
+def test_names_of_channels_have_room_beside_their_panels():
+    """Each stays beside its own panel, in the records of an import."""
+    figure = figures.draw_records(dd.read_campaign("tumble-a"))
+    with apply_style():
+        figure.canvas.draw()
+    boxes = [axes.yaxis.label.get_window_extent() for axes in figure.axes]
+    assert len(boxes) >= 3
+    assert all(upper.y0 > lower.y1 for upper, lower in itertools.pairwise(boxes))
+    assert figure.bbox.y1 > boxes[0].y1 and boxes[-1].y0 > 0
+
+
 def test_many_records_without_conditions_have_room():
     check_layout(figures.draw_record_errors({"reference model": make_hour(60), LONG: make_hour(60)}))
 

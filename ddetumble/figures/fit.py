@@ -404,7 +404,8 @@ def draw_records(campaign: Campaign):
             there = np.isfinite(trace[name].to_numpy())
             axes.plot(x.scale * trace[along.name][there], y.scale * trace[name][there], lw=0.8, alpha=0.7, color=BEFORE)
         axes.axvline(0.0, color=INK, lw=0.6)
-        dress(axes, ylabel=y.label)
+        dress(axes, ylabel=wrap_text(y.label, 1.75))
+    figure.align_ylabels(panels)
     panels[-1].set_xlabel(x.label)
     count = f"{DRAWN} of " * (len(keys) > DRAWN) + f"{len(keys)} records"
     panels[0].set_title(keys[0] if len(keys) == 1 else count)
