@@ -1,5 +1,6 @@
 """The command line: help, exit codes, one sentence for every failure, quiet where nobody watches."""
 
+import dataclasses as dc
 import errno
 import json
 import os
@@ -18,6 +19,9 @@ from ddetumble.cli import app, main
 from ddetumble.cli.failures import run_guarded
 from ddetumble.cli.places import locate_campaign, write_table
 from ddetumble.cli.progress import show_progress
+from ddetumble.families import find_family
+from ddetumble.selection.verdict_facts import list_notes
+from tests.helpers_report import make_slip_discovery
 
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -336,6 +340,16 @@ def test_effects(capsys):
     assert main(["effects", "wall-stiffness"]) == 0
     text = capsys.readouterr().out
     assert "k_w [N/m^q], null 0" in text and "law" in text and "reference" in text and "stage" in text
+    assert "needs" not in text
+    for effect, need in (("gravity-gradient", "--known 'orbit_rate=NUMBER rad/s'"), ("gas-leak", "gas")):
+        assert main(["effects", effect]) == 0
+        assert need in capsys.readouterr().out.partition("needs")[2]
+
+
+def test_a_known_number_that_an_effect_lacks_is_told_with_its_option():
+    found = dc.replace(make_slip_discovery(), noise={})
+    notes = list_notes(found, find_family("tumble"), ["gravity-gradient"], "", "", (), ())
+    assert any("gravity-gradient" in str(note) and "--known 'orbit_rate=" in str(note) for note in notes)
 
 
 def test_cache(capsys, monkeypatch, tmp_path):

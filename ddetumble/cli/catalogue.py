@@ -67,6 +67,11 @@ def show_effects(
     for one in parameters_of(entry):
         start = f"{'null' if one.kind == 'amplitude' else 'from'} {one.default:g}{'' if one.free else ', held'}"
         typer.echo(_describe_parameter(one, start, bool(one.limits_reason)))
+    if entry.requires:
+        from ..measurement.kinds import name_need
+
+        needs = [name_need(need, [one.kind for one in chosen]) for need in entry.requires]
+        typer.echo(f"  needs      {'; '.join(needs)}")
     typer.echo(f"  reference  {entry.reference}")
 
 

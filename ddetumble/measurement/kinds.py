@@ -6,7 +6,7 @@ wherever the name of a kind is taken; whoever is given one calls `take_kind`.
 """
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -83,6 +83,12 @@ class RecordKind:
     rates: tuple[str, ...] = ()
     measure: Measure = lambda trace, settings: {}
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+
+def name_need(name: str, kinds: Iterable[RecordKind]) -> str:
+    """What an effect needs, in words: of a known number also the option that states it."""
+    unit = next((kind.parameters[name] for kind in kinds if name in kind.parameters), None)
+    return name if unit is None else f"{name}, stated by `ddetumble import --known '{name}=NUMBER {unit}'`"
 
 
 def measure_impact(trace: pd.DataFrame, settings: Mapping[str, float]) -> dict[str, Size]:

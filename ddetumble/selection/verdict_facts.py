@@ -8,6 +8,7 @@ import numpy as np
 
 from .._sentences import Sentence, join_sentences, say
 from ..families import Family
+from ..measurement.kinds import name_need
 from ..measurement.quantities import describe_quantity
 from ..measurement.units import format_time
 from .bias import SettingBias
@@ -206,7 +207,8 @@ def list_notes(found: Discovery, family: Family, left_out: Sequence[str], asked:
         absorbs = ", ".join([*(name.replace("_", " ") for name in first.parameters), f"and {beside}"])
         notes.append(say("verdict.unidentifiable", effects=unseen, absorbs=absorbs, share=1.0 - settings.invisible))
     if left_out:
-        notes.append(say("verdict.not_tried", effects=[(e, needs.get(e, ())) for e in left_out]))
+        notes.append(say("verdict.not_tried", effects=[
+            (e, [name_need(need, [family.kind]) for need in needs.get(e, ())]) for e in left_out]))
     notes += [say("verdict.noise", channel=channel, text=noise["text"]) for channel, noise in found.noise.items()]
     if any(not s.converged for s in found.steps):
         notes.append(say("verdict.unconverged"))
