@@ -257,6 +257,62 @@ def test_a_number_that_the_table_lacks_is_named(tmp_path):
     assert import_tests(files, conditions=give([1, 2, 3, 4, 5, 9, 9])).record_keys[3] == "drop_04"  # 9 is no record's
 
 
+@pytest.mark.parametrize("heading", ["pressure (kPa, gauge)", "gauge pressure [kPa]"])
+def test_a_heading_that_says_gauge(tmp_path, heading):
+    """It is the ball's pressure, to which the ambient one is added; without --gauge no other unit is proposed."""
+    files = make_shots(tmp_path, ["a.csv"])
+    path = write(tmp_path / "table.csv", f'record;{heading};v [m/s]\na;300;0.4\n')
+    campaign = import_tests(files, conditions=path, gauge=True, ambient="100 kPa")
+    assert campaign.records.loc["a", "initial_pressure"] == pytest.approx(4e5)
+    with pytest.raises(InputError, match="gauge.* --gauge and --ambient") as caught:
+        import_tests(files, conditions=path)
+    assert "bar" not in str(caught.value).replace(str(path), "")
+
+
+def test_a_channel_in_a_unit_that_says_gauge(tmp_path):
+    time, force = raw_trace()
+    path = write(tmp_path / "a.csv", raw_text([time, force, 0 * time + 3], ["t [s]", "Fz [N]", "p [barg]"]))
+    campaign = import_tests(path, speed="0.4 m/s", gauge=True, ambient="1 bar")
+    assert campaign.records.loc["a", "initial_pressure"] == pytest.approx(4e5)
+
+
+@pytest.mark.parametrize("heading", ["No.", "Nr", "Test No.", "#"])
+def test_headings_of_the_number_of_a_test(tmp_path, heading):
+    files = make_shots(tmp_path, ["drop_1.csv", "drop_2.csv"])
+    path = write(tmp_path / "table.csv", f"{heading};p [MPa];v [m/s]\n2;1.5;0.4\n1;1;0.4\n")
+    assert [*import_tests(files, conditions=path).records["initial_pressure"]] == [1e6, 1.5e6]
+
+
+def test_options_name_columns_of_the_table_of_conditions(tmp_path):
+    """--record-column, --keep, --drop and --unit reach it; the raw files' own columns come first."""
+    files = make_shots(tmp_path, ["drop_1.csv", "drop_2.csv"])
+    path = write(tmp_path / "table.csv", "Item;Fill;v;rep [1];Fz\n1;1;0.4;7;2\n2;1.5;0.5;8;3\n")
+    said = {"conditions": path, "record_column": "Item", "keep": ["pressure=Fill", "rep"], "drop": "Fz",
+            "units": ["pressure=MPa", "speed=m/s"]}
+    with pytest.raises(InputError, match="--drop|Fz"):  # the raw files have it as well, and need it
+        import_tests(files, **said)
+    path.write_text(path.read_text().replace("Fz", "Note"))
+    campaign = import_tests(files, **said | {"drop": "Note"})
+    assert campaign.records.to_dict("list") == {
+        "initial_pressure": [1e6, 1.5e6], "approach_speed": [0.4, 0.5], "rep": [7, 8]}
+    for option, name in (("record_column", "Strike"), ("keep", "temperature=Strike"), ("keep", "slip=Fill")):
+        with pytest.raises(InputError, match=name.rpartition("=")[2]) as caught:
+            import_tests(files, **said | {option: name, "drop": "Note"})
+        assert "Item, Fill" in str(caught.value) and "Fz [N]" in str(caught.value)
+    with pytest.raises(InputError, match=r"Item, Fill.*--record-column"):
+        import_tests(files, conditions=path)
+    with pytest.raises(InputError, match=r"initial_pressure.*Item, Fill.*--keep .initial_pressure=COLUMN"):
+        import_tests(files, conditions=path, record_column="Item", units=["Fill=MPa", "speed=m/s"], drop="Note")
+
+
+@pytest.mark.parametrize("name", ["presure", "slip", "angular_velocity", "Weg"])
+def test_a_unit_of_no_column_is_refused(tmp_path, name):
+    time, force = raw_trace()
+    path = write(tmp_path / "a.csv", raw_text([time, force, time], ["t [s]", "Fz [N]", "Weg [mm]"]))
+    with pytest.raises(InputError, match=f"--unit.*{name}.*time, normal_force"):
+        import_tests(path, units={name: "mm"}, **CONDITIONS)
+
+
 def test_conditions_table(tmp_path):
     for i in range(2):
         time, force = raw_trace(seed=i)
@@ -312,6 +368,9 @@ def test_given_onset(tmp_path):
     campaign = import_tests(path, onset="12.3 ms", **CONDITIONS)
     assert campaign.trace("a")["time"].iloc[0] == pytest.approx(-0.0123)
     assert campaign.uncertainty("time").absolute == pytest.approx(1e-4 / 12**0.5, rel=1e-3)
+    assert any("0.0289 ms" in note for note in campaign.notes)
+    stated = import_tests(path, onset="12.3 ms", uncertainty="time=0.05 ms", **CONDITIONS)
+    assert stated.uncertainty("time").absolute == 5e-5 and not any("0.0289 ms" in note for note in stated.notes)
     with pytest.raises(InputError, match="--onset"):
         import_tests(path, onset="soon", **CONDITIONS)
 
@@ -372,7 +431,7 @@ def spoilt(line, cells, headings=("t [s]", "Fz [N]")):
         (raw_text([TIME, FORCE], ["t [s]", "Fz [N]"]), {"decimal": "x"}, "--decimal"),
         (raw_text([TIME, FORCE], ["t [s]", "Fz [N]"]), {"delimiter": "x"}, "--delimiter"),
         (raw_text([TIME, FORCE], ["t [s]", "Fz [N]"]), {"family": "fall"}, "--family"),
-        (raw_text([TIME, FORCE, FORCE], ["t [s]", "Fz [N]", "p [barg]"]), {}, "gauge .* --unit pressure=bar"),
+        (raw_text([TIME, FORCE, FORCE], ["t [s]", "Fz [N]", "p [barg]"]), {}, "column p: .* --gauge and --ambient"),
         (raw_text([TIME, FORCE], ["t [s]", "Fz [N]"], decimal=","), {}, "line 1.*4 columns of data below 2 headings"),
         (raw_text([TIME, FORCE], ["t", "F"]), {}, "column t: .*, nor is that of F .force in N, kN or kgf.*s, ms "
                                                   r"or us.*--unit time=s .*import.toml: units = \{ time = .s. \}"),
@@ -424,7 +483,9 @@ def test_paths(tmp_path):
      ("Kraft in kN", "Kraft", "kN"), ("velocity_m_s", "velocity", "m/s"), ("Fz (filtered)", "Fz (filtered)", None),
      ("F_N", "F_N", None), ("normal_force", "normal_force", None), ("e [-]", "e", "-"), ("test_no", "test_no", None),
      ("angular_velocity_y", "angular_velocity_y", None), ("p [bar(g)]", "p", "bar(g)"), ("t", "t", None),
-     ("Force_1", "Force_1", None)],
+     ("Force_1", "Force_1", None), ("t_s", "t", "s"), ("t_ms", "t", "ms"), ("t_N", "t_N", None),
+     ("omega_dps 1", "omega 1", "dps"), ("omega_dps 2", "omega 2", "dps"), ("Fz [N] 2", "Fz 2", "N"),
+     ("omega 1", "omega 1", None), ("column 1", "column 1", None), ("Sensor in 2", "Sensor in 2", None)],
 )  # fmt: skip
 def test_headings(heading, name, unit):
     assert split_heading(heading) == (name, unit)

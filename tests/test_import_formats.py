@@ -304,6 +304,27 @@ def test_cells_that_are_no_numbers(tmp_path):
     refuse(write_sheets(tmp_path / "d.xlsx", {"Data": rows}), "sheet Data", "line 1", "t [s]")
 
 
+def test_columns_of_a_matrix_are_the_axes(tmp_path):
+    """All have the unit of the matrix, and any name does with that of an angular velocity; of two, one is chosen."""
+    rates = np.arange(36.0).reshape(12, 3) ** 1.5
+    options = {"family": "tumble", "uncertainty": "angular_velocity=0.01 deg/s"}
+    stated = {"units": "angular_velocity=deg/s"}
+    for name, unit, said in (("omega_dps", "", {}), ("data_dps", "", {}), ("omega", "", stated), ("gyro", "deg/s", {})):
+        write_matlab(path := tmp_path / "a.mat", {"t_s": ("", np.arange(12.0)), name: (unit, rates)})
+        campaign = dd.import_tests(path, **options, **said)
+        assert campaign.trace("a")["time"].iloc[-1] == 11.0
+        for axis, column in zip("xyz", rates.T, strict=True):
+            np.testing.assert_allclose(campaign.trace("a")[f"angular_velocity_{axis}"], np.radians(column))
+        assert any(all(f"{name.removesuffix('_dps')} {j}" in note for j in (1, 2, 3)) for note in campaign.notes)
+    write_matlab(path, {"t_s": ("", np.arange(12.0)), "omega": ("", rates)})
+    refuse(path, "--unit angular_velocity=", pressure=None, speed=None, **options)
+    write_matlab(path, {"t_s": ("", np.arange(12.0)), "omega_dps": ("", rates), "data_dps": ("", rates)})
+    refuse(path, "--keep angular_velocity_x", pressure=None, speed=None, **options)
+    chosen = [f"angular_velocity_{axis}=data_dps {j}" for axis, j in zip("xyz", (3, 1, 2), strict=True)]
+    found = dd.import_tests(path, keep=chosen, **options).trace("a")
+    np.testing.assert_allclose(found["angular_velocity_x"], np.radians(rates[:, 2]))
+
+
 def test_arrays_that_are_no_channels(tmp_path):
     path = tmp_path / "a.h5"
     with h5py.File(path, "w") as file:

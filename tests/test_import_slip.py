@@ -101,10 +101,10 @@ def test_a_load_measured_along_the_stroke_is_averaged(tmp_path):
     ("table", "words"),
     [
         (TABLE.replace("Load", "Gewicht"),
-         "settings.csv: normal_load is not known: .*gewicht, internal_pressure, slip_speed.*--load '20 N'"),
+         "settings.csv: normal_load is not known: .*Gewicht.*normal_load=COLUMN.*--load '20 N'"),
         (TABLE.replace("a;20", "a;-20"), r"settings.csv, line 2, column Load: normal_load of record 'a': must be"),
         (TABLE.replace("a;20;10", "a;20;-1"), "settings.csv, line 2, column p: .*--gauge and --ambient"),
-        (TABLE.replace("[bar]", "[barg]"), "settings.csv, column p: 'barg' is a gauge pressure; give --unit"),
+        (TABLE.replace("[bar]", "[barg]"), "settings.csv, column p: 'barg' .*--gauge and --ambient"),
         (TABLE.replace(" [N]", ""), r"column Load: the column has no unit: is it N, kN or kgf.*'Load \[N\]'"),
         (TABLE.replace("[N]", "[kg]"), "column Load: .*did you mean kgf"),
         (TABLE.replace("[bar]", "[N]"), "column p: .*N is a unit of force: correct it, or choose the column"),

@@ -51,12 +51,16 @@ def import_files(
     time: Annotated[Text, option("COLUMN", "Column with the time.")] = None,
     rate: Annotated[Text, option("QUANTITY", "Sampling rate of files that hold no time: '10 kHz'.")] = None,
     slip: Annotated[Text, option("COLUMN", "Column with the slip (family slip), with or without time.")] = None,
-    record_column: Annotated[Text, option("COLUMN", "Column that says which test a row belongs to.")] = None,
+    record_column: Annotated[Text, option(
+        "COLUMN", "Column, of the files or of the table of conditions, that says which test a row belongs to.")] = None,
     keep: Annotated[
-        Texts, option("[NAME=]COLUMN", "A further column, or the column of a quantity; may be repeated.")] = None,
+        Texts, option("[NAME=]COLUMN", "A further column, or the column of a quantity: of the files, or "
+                                    "where these have none such, of the table of conditions; may be repeated.")] = None,
     drop: Annotated[Texts, option(
-        "COLUMN", "Column that is left out although its heading would be understood; may be repeated.")] = None,
-    unit: Annotated[Texts, option("NAME=UNIT", "Unit of a quantity whose heading has none; may be repeated.")] = None,
+        "COLUMN", "Column, sought as by --keep, that is left out although its heading would be understood; may be "
+                  "repeated.")] = None,
+    unit: Annotated[Texts, option("NAME=UNIT", "Unit of a quantity, or of a column, whose heading has none: "
+                                               "'angular_velocity=deg/s'; may be repeated.")] = None,
     uncertainty: Annotated[
         Texts, option("NAME=QUANTITY", "Standard deviation of a quantity: 'force=0.25 N'; may be repeated.")] = None,
     common_uncertainty: Annotated[

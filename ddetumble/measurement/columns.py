@@ -3,6 +3,7 @@
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from .kinds import KINDS, RecordKind
 from .layout import RawFile, split_heading
 from .quantities import join_words
 from .recordings import Recording
-from .units import Unit, check_unit, list_usual, parse_unit, si_unit
+from .units import Unit, check_unit, is_gauge, list_usual, parse_unit, si_unit, strip_gauge
 
 
 FRICTION_TEST = "if it is a friction test, give --family " + next(kind.name for kind in KINDS.values() if kind.path)
@@ -22,14 +23,32 @@ _COMMON = {
     "time": "t time zeit temps tempo elapsedtime timestamp",
     "temperature": "temperature temp temperatur",
     "depression": "depression depth indentation compressiondepth eindrücktiefe eindringtiefe",
-    "pressure": "p pressure druck gaspressure ballpressure fillpressure fillingpressure innendruck balldruck",
+    "pressure": "p pressure druck gaspressure ballpressure fillpressure fillingpressure innendruck balldruck "
+    "gaugepressure überdruck",
 }
+_GAUGE = ("gaugepressure", "überdruck")  # of these, those above the pressure around
+_NUMBERS = ("no", "nr", "num", "number", "nummer", "n°", "№", "#")  # of samples in raw data, and so no test there
 _COUNTERS = "repeats? repetition replicate replica wiederholung wdh essai".replace(" ", "|")
+
+
+def _find_word(heading: str) -> str:
+    """A heading without case, spaces and signs."""
+    return re.sub(r"[\W_]+", "", heading).casefold()
+
+
+def names_gauge(heading: str) -> bool:
+    """Whether a heading (without its unit) says that a pressure is one above that around it."""
+    return _find_word(heading) in _GAUGE
+
+
+def names_number(heading: str) -> bool:
+    """Whether a heading of a table with one row a test is that of the tests' numbers, and says no more."""
+    return (_find_word(heading) or heading.strip()) in _NUMBERS
 
 
 def guess_role(heading: str, kind: RecordKind) -> str | None:
     """The quantity that a heading (without its unit) names in raw data of a kind, or None."""
-    word = re.sub(r"[\W_]+", "", heading).casefold()
+    word = _find_word(heading)
     return next((role for role, words in {**_COMMON, **kind.words}.items()
                  if word in words.split() or word == role.replace("_", "")), None)
 
@@ -49,7 +68,7 @@ def list_headings(name: str, kind: RecordKind) -> list[str]:
 
 def is_counter(heading: str) -> bool:
     """Whether a heading names a number that only tells repeats of one condition apart."""
-    word = re.sub(r"[\W_]+", "", heading).casefold()
+    word = _find_word(heading)
     return re.fullmatch(f"({_COUNTERS})(no|nr|number|id)?", word) is not None
 
 
@@ -62,6 +81,11 @@ def expand_role(name: str, kind: RecordKind) -> str:
     """The quantity that an option's short name means: `force`, `pressure` (as a condition: `p0`) and `speed`."""
     short = {"force": kind.main, "load": "normal_load", "speed": kind.speed, "p0": kind.pressure}
     return short.get(name) or name
+
+
+def expand_roles(name: str, kind: RecordKind) -> tuple[str, ...]:
+    """The quantities that an option's short name means, as of `expand_role`; `angular_velocity` is that of all axes."""
+    return kind.rates if kind.rates and name == "angular_velocity" else (expand_role(name, kind),)
 
 
 def read_pairs(option: str, given) -> dict[str, str]:
@@ -91,6 +115,9 @@ class Plan:
     mass: float | None  # effective mass [kg] that makes a force of an acceleration
     rate: float | None = None  # samples a second, of files without a time
     ambient: float | None = None  # pressure [Pa] that makes gauge pressures absolute; None where they are already
+    table: RawFile | None = None  # of the conditions, for columns that no raw file has
+    taken: set[str] = field(default_factory=set)  # columns of options that a raw file has
+    used: set[str] = field(default_factory=set)  # names of --unit that a column was found for
     si: dict[str, str] = field(default_factory=dict)  # unit of every quantity found so far
     headings: dict[str, str] = field(default_factory=dict)  # quantity to the heading it was read from
     conditions: dict[str, dict[str, float]] = field(default_factory=dict)  # by name and record key, SI
@@ -101,6 +128,23 @@ class Plan:
     def note_unit(self, name: str, text: str) -> None:
         """Keep the unit in which a file states a quantity, for questions about it."""
         self.stated[name] = text if self.stated.get(name, text) == text else ""
+
+    def find_text(self, role: str, column: str, stated: str | None) -> str | None:
+        """Unit of a quantity's column as --unit says it, or else its heading, which has `stated`."""
+        meant = {name: expand_roles(split_heading(name)[0], self.kind) for name in self.units}
+        given = {quantity: name for name in sorted(meant, key=lambda name: len(meant[name]), reverse=True)
+                 for quantity in meant[name]} | {name: name for name in meant if name == column}
+        name = given.get(column) or given.get(role)
+        if name is None and not stated and self.kind.pressure and role in ("pressure", self.kind.pressure):
+            name = given.get("pressure") or given.get(self.kind.pressure)  # a pressure may be that of the test's begin
+        self.used |= {name} if name else set()
+        return self.units[name] if name else stated
+
+    def find_in_table(self, role: str, text: str) -> str | None:
+        """The column of the table of conditions that an option names, or None; a series of samples is none there."""
+        series = {"time", *self.kind.series, *self.kind.channels} - {"pressure"}
+        apart = text in self.taken and role != "record"  # a raw file has it, so that is meant
+        return None if self.table is None or role in series or apart else seek_column(self.table, text)
 
     def add(self, name: str, values: dict[str, float], unit: str, source: str,
             places: Mapping[str, Mapping] | None = None) -> None:
@@ -149,15 +193,18 @@ def choose_columns(raw: RawFile, plan: Plan) -> dict[str, str]:
     Where more than one may be meant, the option that settles it is named.
     """
     kind = plan.kind
-    roles = {role: _find_column(raw, column) for role, column in plan.choices.items()}
-    dropped = {_find_column(raw, column) for column in plan.drop}
+    choices = {role: _choose_column(raw, column, role, plan) for role, column in plan.choices.items()}
+    roles = {role: column for role, column in choices.items() if column is not None}
+    sought = [_choose_column(raw, column, "", plan) for column in plan.drop]
+    dropped = {column for column in sought if column is not None}
     for role, column in roles.items():
         if column in dropped:
             raise InputError(f"the column {column!r} is to be left out, and to be the {role}: keep one", file=raw.file)
     guesses = {}
     for column in raw.columns:
         role = guess_role(column, kind)
-        if role and role not in roles and column not in roles.values() and column not in dropped:
+        named = role in plan.choices and role != "record"  # a column of the table of conditions
+        if role and role not in roles and not named and column not in roles.values() and column not in dropped:
             guesses.setdefault(role, []).append(column)
     options = {"time": "--time COLUMN", kind.path: "--slip COLUMN", kind.main: "--force COLUMN",
                "record": "--record-column COLUMN"}  # fmt: skip
@@ -176,26 +223,42 @@ def choose_columns(raw: RawFile, plan: Plan) -> dict[str, str]:
     if kind.path and kind.path not in roles:
         problem = f"there is a time but no slip: the file has {', '.join(raw.columns)}; give --slip COLUMN, or export "
         raise InputError(problem + "how far the rubber has slid", file=raw.file)
+    if kind.rates and not any(name in plan.choices or name in roles for name in kind.rates):
+        roles |= _choose_axes(raw, {*roles.values(), *dropped}, plan)
     if kind.rates and not any(name in roles for name in kind.rates):
         problem = "no column is an angular velocity; name the columns with --keep angular_velocity_x=COLUMN and so on"
         raise InputError(problem, file=raw.file)
     for heading, name in plan.keep.items():
-        column = _find_column(raw, heading)
-        if column not in roles.values():
+        column = _choose_column(raw, heading, "", plan)
+        if column is not None and column not in roles.values():
             roles[name] = column
     plan.headings.update(roles)
     return roles
 
 
-def _find_column(raw: RawFile, text: str) -> str:
-    """The column that an option names: by its heading with or without the unit, or by its number."""
+def seek_column(raw: RawFile, text: str) -> str | None:
+    """The column that an option names, by its heading with or without the unit, or by its number; None without one."""
     text = str(text).strip()
     name, unit = split_heading(text)
-    for column in (text, f"column {text}", name if unit is not None and unit == raw.units.get(name) else text):
-        if column in raw.columns:
-            return column
-    there = ", ".join(name + (f" [{raw.units[name]}]" if raw.units[name] else "") for name in raw.columns)
-    raise InputError(f"there is no column {text!r}; the file has {there}", file=raw.file)
+    names = (text, f"column {text}", name if unit is not None and unit == raw.units.get(name) else text)
+    return next((column for column in names if column in raw.columns), None)
+
+
+def _choose_column(raw: RawFile, text: str, role: str, plan: Plan) -> str | None:
+    """The column of a raw file that an option names for a quantity; None where the table of conditions has it."""
+    column = seek_column(raw, text)
+    if column is not None:
+        plan.taken.add(text)
+    elif plan.find_in_table(role, text) is None:
+        beside = "" if plan.table is None else f", and the table of conditions has {list_columns(plan.table)}"
+        raise InputError(f"there is no column {str(text).strip()!r}; the file has {list_columns(raw)}{beside}",
+                         file=raw.file)
+    return column
+
+
+def list_columns(raw: RawFile) -> str:
+    """The headings of a table, in words."""
+    return ", ".join(name + (f" [{raw.units[name]}]" if raw.units[name] else "") for name in raw.columns)
 
 
 def _measures(unit: str | None, like: str) -> bool:
@@ -231,6 +294,26 @@ def _choose_by_unit(raw: RawFile, role: str, taken: Collection[str], option: str
     raise InputError(f"{problem}: the file has {', '.join(raw.columns)}; give {option}{hint}", file=raw.file)
 
 
+def _choose_axes(raw: RawFile, taken: Collection[str], plan: Plan) -> dict[str, str]:
+    """Columns of the rates about x, y and z where no heading says an axis: those of the only matrix of three columns
+    that is called angular velocity, or has a unit of such; none elsewhere.
+    """
+    rates, matrices = plan.kind.rates, {}
+    for column in raw.columns:
+        numbered = re.fullmatch(r"(.*\S) (\d+)", column)
+        if numbered and column not in taken:
+            matrices.setdefault(numbered[1], []).append(column)
+    found = [columns for name, columns in matrices.items()
+             if columns == [f"{name} {j}" for j in range(1, len(rates) + 1)]
+             and (guess_role(f"{split_heading(name)[0]}x", plan.kind) == rates[0]
+                  or all(_measures(raw.units[one], "rad/s") for one in columns))]
+    if len(found) != 1:
+        return {}
+    plan.notes.append(f"{Path(raw.file).name}: no heading says an axis, so {join_words(found[0])} were taken as the "
+                      f"angular velocity about x, y and z; --keep {rates[0]}=COLUMN and so on choose others.")
+    return dict(zip(rates, found[0], strict=True))
+
+
 def ask_unit(column: str, quantity: str, name: str = "") -> str:
     """The question after the unit of a column: those in which its quantity is written, and where to say which it is.
 
@@ -249,7 +332,7 @@ def require_units(raw: RawFile, roles: Mapping[str, str], plan: Plan) -> None:
     question in full.
     """
     left = [(role, column) for role, column in roles.items()
-            if role != "record" and _find_text(raw, role, column, plan) is None]
+            if role not in ("record", "sequence") and plan.find_text(role, column, raw.units[column]) is None]
     if not left:
         return
     (role, column), *others = left
@@ -262,26 +345,20 @@ def require_units(raw: RawFile, roles: Mapping[str, str], plan: Plan) -> None:
 
 def _shorten(role: str, plan: Plan) -> str:
     """The name of a quantity in --unit."""
-    return "force" if role == plan.kind.main else role
-
-
-def _find_text(raw: RawFile, role: str, column: str, plan: Plan) -> str | None:
-    """Unit of a column as --unit or its heading states it."""
-    given = {expand_role(split_heading(name)[0], plan.kind): unit for name, unit in plan.units.items()}
-    text = plan.units.get(column) or given.get(role) or given.get(column) or raw.units[column]
-    return "1" if text is None and role == "sequence" else text
+    return "force" if role == plan.kind.main else "angular_velocity" if role in plan.kind.rates else role
 
 
 def find_unit(raw: RawFile, role: str, column: str, plan: Plan) -> Unit:
     """Unit of a column, from --unit or its heading; refused where it states none, or does not measure the quantity."""
     require_units(raw, {role: column}, plan)
-    text, stated, name = str(_find_text(raw, role, column, plan)), raw.units[column], _shorten(role, plan)
+    stated, name = raw.units[column], _shorten(role, plan)
+    text = plan.find_text(role, column, stated) or "1"
     if role == "normal_force" and _measures(text, "m/s^2"):
         if plan.mass is None:
             raise InputError(f"the column holds an acceleration; {WEIGHED} it to a force", file=raw.file, column=column)
         plan.notes.append(f"The normal_force is {plan.mass:g} kg times the acceleration {column!r}.")
         return Unit(text, parse_unit(text).scale * plan.mass, 0.0, parse_unit("N").dimension, "N")
-    unit = read_unit(text, role, raw.file, column, name, f" (or set the unit with --unit {name}=…)")
+    unit = read_unit(text, role, raw.file, column, plan, f" (or set the unit with --unit {name}=…)")
     if stated is not None and _measures(stated, text):
         other = parse_unit(stated)
         ratio = unit.scale / other.scale
@@ -292,16 +369,19 @@ def find_unit(raw: RawFile, role: str, column: str, plan: Plan) -> Unit:
     return unit
 
 
-def read_unit(text: str, role: str, file: str, column: str, name: str = "", more: str = "") -> Unit:
-    """A unit as stated in a file's column, refused where it does not measure a quantity.
+def read_unit(text: str, role: str, file: str, column: str, plan: Plan, more: str = "") -> Unit:
+    """A unit as stated in a file's column, refused where it does not measure a quantity; `more` ends the message.
 
-    `name` is that of the quantity in `--unit` (default: the role's own), `more` what a message ends with; of a gauge
-    pressure it says which options settle it.
+    That of a gauge pressure is the plain one where the ambient pressure is added, and is refused elsewhere.
     """
+    if plan.kind.pressure and role in ("pressure", plan.kind.pressure):
+        if plan.ambient is not None:
+            text = strip_gauge(text) or text
+        elif is_gauge(text) or names_gauge(column):
+            said = text if is_gauge(text) else column
+            raise InputError(f"{said!r} is a gauge pressure; give --gauge and --ambient '101.3 kPa'", file=file,
+                             column=column)
     try:
         return check_unit(text, role)
     except InputError as error:
-        problem = error.problem
-        if "gauge" in problem:
-            problem = f"{text!r} is a gauge pressure; give --unit {name or role}=bar --gauge and --ambient '101.3 kPa'"
-        raise InputError(problem + more, file=file, column=column) from None
+        raise InputError(error.problem + more, file=file, column=column) from None

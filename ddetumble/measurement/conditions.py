@@ -5,12 +5,22 @@ import unicodedata
 from pathlib import Path
 
 from .._errors import InputError, error_place
-from .columns import Plan, ask_unit, guess_condition, guess_role, is_counter, name_condition, read_unit
+from .columns import (
+    Plan,
+    ask_unit,
+    guess_condition,
+    guess_role,
+    is_counter,
+    list_columns,
+    name_condition,
+    names_number,
+    read_unit,
+)
 from .layout import RawFile, split_heading
 from .quantities import join_words
 from .recordings import read_files, split_sheet
 from .tables import Table, convert_column, read_texts
-from .units import ROLES, check_unit, list_usual, parse_unit, strip_gauge
+from .units import ROLES, check_unit, list_usual, parse_unit
 
 
 LINKS = {"file": ("file", "filename", "datei", "fichier"), "record": ("record",)}  # headings of the test of a row
@@ -18,30 +28,53 @@ NEEDED = "every test needs a number here: write it, or leave out the test, its r
 SHOWN = 5  # names of a table in a message
 
 
-def read_conditions(plan: Plan, path, records: dict[str, str]) -> None:
-    """Add the columns of a table of conditions with one row a file or record; `records`: key to name of the raw file.
-
-    It may be `FILE.xlsx:SHEET`. It has a column `file` or `record`, then one column a condition, with units in the
-    headings; `onset` is a time.
-    """
+def open_conditions(path) -> RawFile:
+    """The table of conditions as it stands; it may be `FILE.xlsx:SHEET`."""
     file, sheet = split_sheet(path)
     tables = read_files(file, sheet=sheet, option="--conditions")
-    table = tables[0].join(tables[0].columns)
     if len(tables) > 1:
         raise InputError(f"{sheet!r} names several sheets; name the one with the conditions", file=file,
                          option="--conditions")
+    return tables[0].join(tables[0].columns)
+
+
+def read_conditions(plan: Plan, table: RawFile, records: dict[str, str]) -> None:
+    """Add the columns of a table of conditions with one row a file or record; `records`: key to name of the raw file.
+
+    It has a column that says which test a row belongs to, then one column a condition, with units in the headings;
+    `onset` is a time.
+    """
     with error_place(sheet=table.sheet):
-        _add_columns(plan, table, file, records)
+        _add_columns(plan, table, Path(table.file), records)
+
+
+def _find_links(plan: Plan, table: RawFile) -> dict[str, str]:
+    """The columns that say which test a row belongs to, by what stands in them: `file`, `record` or both."""
+    named = plan.find_in_table("record", plan.choices["record"]) if "record" in plan.choices else None
+    if named is not None:
+        return {"file" if named.casefold() in LINKS["file"] else "record": named}
+    links = {role: name for name in table.columns for role, words in LINKS.items() if name.casefold() in words}
+    runs = [name for name in table.columns if guess_role(name, plan.kind) == "record"]
+    runs += [name for name in table.columns if names_number(name)]
+    if not links and not runs:
+        raise InputError(f"no column is known to say which test a row belongs to: the table has {list_columns(table)}; "
+                         "name one with --record-column COLUMN, or head it file, record, Run, Test no. or No.",
+                         file=table.file)
+    return links or {"record": runs[0]}
 
 
 def _add_columns(plan: Plan, table: RawFile, path: Path, records: dict[str, str]) -> None:
-    links = {role: name for name in table.columns for role, words in LINKS.items() if name.casefold() in words}
-    for name in table.columns:
-        if not links and guess_role(name, plan.kind) == "record":
-            links = {"record": name}
-    if not links:
-        raise InputError("the table needs a column named file or record, for the test of each row", file=path)
+    links = _find_links(plan, table)
+    chosen: dict[str, str] = {}
+    for role, wanted in plan.choices.items():
+        column = plan.find_in_table(role, wanted)
+        if column is not None and role != "record":
+            chosen[column] = plan.kind.pressure or role if role == "pressure" else role
+    kept = {plan.find_in_table("", text) for text in plan.keep}
+    dropped = {plan.find_in_table("", text) for text in plan.drop}
     plan.notes += [f"The conditions were read from {path.name}.", *table.notes]
+    plan.notes += [f"The column {column} of {path.name} was left out, as --drop says." for column in table.columns
+                   if column in dropped]
     rows = _match(table, links, records) or _match_numbers(plan, table, links, records)
     if rows is None:
         raise _miss_row(table, links, records)
@@ -53,15 +86,16 @@ def _add_columns(plan: Plan, table: RawFile, path: Path, records: dict[str, str]
     given: dict[str, str] = {}
     text: list[str] = []
     for column in table.columns:
-        if column in links.values():
+        if column in links.values() or column in dropped:
             continue
-        if is_counter(column):
+        if is_counter(column) and column not in kept and column not in chosen:
             plan.notes.append(f"The column {column} only counts repeats, so it is not a condition and was left out.")
             continue
         # Headings that differ in their units alone are kept with these.
-        role = guess_condition(split_heading(column)[0], plan.kind)
-        name = role if role is not None and role in plan.kind.conditions else name_condition(column)
-        unit = plan.units.get(column) or plan.units.get(name) or table.units[column]
+        role = chosen.get(column) or guess_condition(split_heading(column)[0], plan.kind)
+        usual = role is not None and (column in chosen or role in plan.kind.conditions)
+        name = role if role is not None and usual else name_condition(column)
+        unit = plan.find_text(name, column, table.units[column])
         if not unit and name not in plan.kind.conditions and _is_text(table, column):
             text.append(column)
             continue
@@ -71,17 +105,16 @@ def _add_columns(plan: Plan, table: RawFile, path: Path, records: dict[str, str]
         given[name] = column
         unit = unit or ("1" if name == "sequence" else None)
         asked = "time" if name == "onset" else name
-        if unit and name == plan.kind.pressure and plan.ambient is not None:  # --gauge says the same
-            unit = strip_gauge(unit) or unit
         if unit is None:
             order = "; if it numbers the tests in the order in which they were made, name it sequence"
             raise InputError(f"the column has no unit: {ask_unit(column, asked, name)}"
                              + order * _is_order(table, column), file=table.file, column=column)
-        checked = read_unit(unit, asked, table.file, column)
+        checked = read_unit(unit, asked, table.file, column, plan)
         values = checked.convert(convert_column(table, column, decimal=table.decimal, needed=NEEDED))
         places = {key: {"file": table.file, "column": column, "row": table.lines[row]} for key, row in rows.items()}
         found = {key: float(values[row]) for key, row in rows.items()}
         plan.add(name, found, checked.si, path.name, places)
+        plan.headings[name] = column
         plan.note_unit(name, checked.text)
     if text:
         one = len(text) == 1
@@ -105,14 +138,14 @@ def read_names(plan: Plan, pattern: str, records: dict[str, str]) -> None:
         if name in ("", "_"):
             expression += ".*?" + re.escape(after)
             continue
-        unit = plan.units.get(name) or unit or _unit_after(after, name)
+        unit = plan.find_text(name, name, unit or _unit_after(after, name))
         if name in units:
             raise InputError(f"--name-pattern {pattern!r} contains {name} twice")
         if unit is None:
             usual = list_usual(name)
             asked, near = (f"is it {join_words(usual, 'or')}? Write", usual[0]) if usual else ("write", "mm")
             raise InputError(f"--name-pattern does not state the unit of {name}: {asked} {{{name}:{near}}}")
-        units[name] = read_unit(unit, name, "--name-pattern", name)
+        units[name] = read_unit(unit, name, "--name-pattern", name, plan)
         expression += r"([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)" + re.escape(after)
     found = {}
     for key, file in records.items():
@@ -211,7 +244,7 @@ def _look_up(table: Table, links: dict[str, str], records: dict[str, str]) -> di
     single = len(set(records.values())) == 1
     for key, file in records.items():
         short = key.removeprefix(f"{Path(file).stem}-") if single else key  # a sheet or group by its own name
-        names = {"file": (file, Path(file).name, Path(file).stem), "record": (key, short)}
+        names = {"file": (file, Path(file).name, Path(file).stem), "record": (key, short, Path(file).name)}
         rows[key] = [i for i in range(len(table)) if all(cells[link][i] in map(_unify, names[link]) for link in links)]
         if len(rows[key]) > 1:
             raise _repeat_row(table, key, *rows[key][:2])

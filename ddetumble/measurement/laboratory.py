@@ -23,11 +23,12 @@ from .columns import (
     expand_role,
     find_unit,
     guess_role,
+    list_columns,
     make_plan,
     read_pairs,
     require_units,
 )
-from .conditions import read_conditions, read_names
+from .conditions import open_conditions, read_conditions, read_names
 from .faults import find_truncated
 from .kinds import DEFAULT_KIND, RecordKind, find_kind, take_kind
 from .layout import RawFile, split_heading
@@ -40,10 +41,10 @@ from .units import (
     Uncertainty,
     check_unit,
     find_unit_text,
-    is_gauge,
     parse_quantity,
     parse_uncertainty,
     si_unit,
+    strip_gauge,
 )
 
 
@@ -78,12 +79,15 @@ def import_tests(
         gauge: True if the pressures count from the ambient pressure; where nothing is said they are taken as absolute,
             and the notes say so.
         ambient: Ambient pressure, with unit; made part of `known`.
-        force, time, slip, record_column: Names of the columns with the force (slip: the friction), the time, the slip
-            of the family slip, and the test that a row belongs to.
+        force, time, slip: Names of the columns with the force (slip: the friction), the time, and the slip of the
+            family slip.
+        record_column: Name of the column, in the files or in the table of conditions, with the test that a row belongs
+            to.
         rate: Samples a second, with unit ("10 kHz"), of files that hold no time.
-        keep: Further columns: "COLUMN", or "quantity=COLUMN" to choose the column of a quantity.
-        drop: Columns that are left out although their headings would be understood.
-        units: Units by quantity or column: {"force": "N"} or "force=N".
+        keep: Further columns: "COLUMN", or "quantity=COLUMN" to choose the column of a quantity; of the files, or where
+            these have none such, of the table of conditions.
+        drop: Columns, sought in the same way, that are left out although their headings would be understood.
+        units: Units by quantity or column: {"force": "N"} or "force=N"; one that no column takes is refused.
         decimal, delimiter: "." or ","; "," ";" "|" "tab" or "space".
         sheet: Sheet of a spreadsheet or group of another file where there are several; with "*" or another pattern each
             is a test of its own.
@@ -152,6 +156,7 @@ def import_tests(
         _require_table(table)
     listed = _list_files(paths, None if part else table)
     probe_files(listed)
+    plan.table = None if conditions is None else open_conditions(conditions)
     for file in listed:
         settings = part if table is not None and Path(file).resolve() == table.resolve() else None
         for raw in read_files(file, sheet=sheet, leave_out=settings, delimiter=delimiter, decimal=decimal,
@@ -172,16 +177,21 @@ def import_tests(
             raise InputError(problem, file=test.file)
         files[test.key] = test.file
     means = _collect_constants(tests, plan)
-    if conditions is not None:
-        read_conditions(plan, conditions, files)
+    if plan.table is not None:
+        read_conditions(plan, plan.table, files)
     if name_pattern is not None:
         read_names(plan, name_pattern, files)
+    unknown = [name for name in plan.units if name not in plan.used]
+    if unknown:
+        raise InputError(f"no column that is imported is {' or '.join(unknown)}; there are "
+                         f"{', '.join(name for name in plan.headings if name != 'record')}", option="--unit")
     for option, (given, name) in options.items():
         if given is not None:
             with error_place(option=f"--{option}"):
-                if name == kind.pressure and is_gauge(find_unit_text(given)):
-                    raise InputError(f"{given!r} is a gauge pressure; write the plain unit (bar, psi), and give "
-                                     "--gauge and --ambient '101.3 kPa'")
+                plain = strip_gauge(find_unit_text(given)) if name == kind.pressure else None
+                if plain is not None:
+                    raise InputError(f"{given!r} is a gauge pressure; write it in {plain}, and give --gauge and "
+                                     "--ambient '101.3 kPa'")
                 value = parse_quantity(given, name)
             plan.add(name, dict.fromkeys(files, value), si_unit(name), f"--{option}")
             plan.note_unit(name, find_unit_text(given))
@@ -207,8 +217,10 @@ def import_tests(
         if name not in plan.conditions:
             usual = f"--conditions FILE.csv with a column {name}", name
             option, heading = kind.options.get(name, usual)
-            where = f"; give {option}, --conditions FILE.csv or --name-pattern" if conditions is None else (
-                f": the table gives {', '.join(plan.conditions)}; add a column like {heading!r}, or give {option}")
+            alone = f", or give {option}" + " if it is the same in all tests" * (len(tests) > 1)
+            where = f"; give {option}, --conditions FILE.csv or --name-pattern" if plan.table is None else (
+                f": the table has {list_columns(plan.table)}; name the column with --keep '{name}=COLUMN', add one "
+                f"like {heading!r}{alone}")
             raise InputError(f"{name} is not known{where}", file=conditions)
     descriptive, undescribed = kind.described
     if descriptive and not set(descriptive) & set(parameters):
@@ -474,6 +486,9 @@ def _assemble(tests: list[RawTest], plan: Plan, options: dict, noise: dict[str, 
             if name in channels:
                 plan.notes.append(f"The uncertainty of {name} is {noise[name]:.4g} {units[name]}, measured before "
                                   "contact.")
+            elif not common:  # no onset was found
+                plan.notes.append(f"The uncertainty of the {name} is that of the sampling, {noise[name] * 1e3:.3g} ms; "
+                                  f"--uncertainty {name}='0.1 ms' states another.")
         elif name in channels and (not kind.path or name == kind.main):
             short = "angular_velocity" if name.startswith("angular_velocity_") else name
             example = f"--uncertainty {short}='{'0.005' if units[name] == 'rad/s' else '0.25'} {units[name]}'"

@@ -98,11 +98,15 @@ def lay_out(rows: list[tuple[int, list[str]]], file: str, decimal: str | None, h
 
 
 def split_heading(text: str) -> tuple[str, str | None]:
-    """A heading to name and unit: `Fz [N]`, `t (ms)`, `Time/s`, `Kraft in N`, `Force_N`, `velocity_m_s`.
+    """A heading to name and unit: `Fz [N]`, `t (ms)`, `Time/s`, `Kraft in N`, `Force_N`, `velocity_m_s`, `omega_dps 1`.
 
     What stands in brackets or after the slash is a unit only if it reads as one.
     """
     text = " ".join(text.split()).strip()
+    column = re.fullmatch(r"(.+[\W_].*?)( \d+)", text)
+    if column:  # of a matrix
+        name, unit = split_heading(column[1])
+        return (name + column[2], unit) if unit is not None else (text, None)
     match = re.fullmatch(r"(.+?)\s*[\[(]\s*([^\[\]]*?)\s*[\])]", text)
     if match and (_is_unit(match[2]) or "[" in text):
         return match[1].strip(" _,:"), match[2] or "1"
@@ -110,10 +114,11 @@ def split_heading(text: str) -> tuple[str, str | None]:
     if match and _is_unit(match[2], bare=True):
         return match[1], match[2]
     parts = text.split("_")
-    if role_of(text.lower()) is None and len(parts[0]) > 2:
+    if role_of(text.lower()) is None and (len(parts[0]) > 2 or parts[0] == "t"):
         for i in range(1, len(parts)):
             unit = "/".join(parts[i:])
-            if all(map(_is_unit, parts[i:])) and _is_unit(unit, bare=True):
+            of_time = parts[0] != "t" or _is_unit(unit) and parse_unit(unit).dimension == parse_unit("s").dimension
+            if of_time and all(map(_is_unit, parts[i:])) and _is_unit(unit, bare=True):
                 return "_".join(parts[:i]), unit
     return text, None
 

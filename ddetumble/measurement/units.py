@@ -136,7 +136,7 @@ def parse_unit(text: str) -> Unit:
     """Read a unit; what is none is refused, and one whose zero or scale is not plain (decibels)."""
     text = text.strip()
     if is_gauge(text):
-        raise InputError(f"unit {text!r} is a gauge pressure; write the absolute one in the plain unit (bar, psi)")
+        raise InputError(f"unit {text!r} is a gauge pressure; write the absolute one in {strip_gauge(text)}")
     spelling = _spell(text)
     if spelling is None:
         raise InputError(f"unit {text!r} cannot be read; write it like N, MPa, m/s, N*s/m or kg*m^2")

@@ -22,7 +22,7 @@ from ..inference.archive import AbstractFitted, FittedModel, load, take_fitted
 from ..inference.problem import evaluate
 from ..inference.stack import Stack, pad_shape
 from ..measurement.checks import read_known, refuse_rows
-from ..measurement.columns import guess_condition, list_headings
+from ..measurement.columns import guess_condition, list_headings, names_gauge
 from ..measurement.kinds import RecordKind
 from ..measurement.layout import split_heading
 from ..measurement.tables import Table, convert_column, read_table
@@ -113,6 +113,8 @@ def read_request(conditions: str | Path | pd.DataFrame, saved: FittedModel, gaug
             others = list_headings(name, kind)[:SYNONYMS]
             raise InputError(f"there is no column {name!r} [{unit}]" + f" (or {', '.join(others)})" * bool(others)
                              + ", which the model needs; the file has " + ", ".join(table.columns), file=table.file)
+        if name == kind.pressure and names_gauge(split_heading(headings[name][0])[0]) and not gauge:
+            raise InputError("this is a gauge pressure; give --gauge", file=table.file, column=headings[name][0])
         values[name] = own = _convert(table, headings[name], name, unit) + added * (name == kind.pressure)
         remedy = "; pressures are absolute" if name == "initial_pressure" else ""
         if name in POSITIVE:
