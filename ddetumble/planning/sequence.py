@@ -32,6 +32,8 @@ SPEEDS = np.geomspace(0.02, 1.0, 24)
 PRESSURES = np.linspace(0.0, 1.0, 5)  # over their range, for that: few, as the impulse changes slowly with the pressure
 # Of the depression and of the speed, at which friction is looked at: over a decade and a half, as it may peak between.
 RUBBED = np.array([0.03, 0.1, 0.3, 1.0])
+# That the disc slides, from none to farther than in any contact, at which friction is looked at [m].
+PATHS = np.array([0.0, 1e-3, 1e-2, 0.1])
 PLACES = 4096  # of a face, among which the largest lever arm is looked for; a power of 2 for the Sobol sample
 STATE = 7  # attitude and rates, which one impact hands on to the next
 TOTALS = ("impulse", "time", "share")  # what `follow_impacts` returns before the constraints
@@ -130,23 +132,27 @@ def find_floor(problem: StrikeProblem) -> float:
 
 
 @keep_program(0.0)
-def _press(law: StrikeLaw, given: Mapping[str, Array], deepest: Array, speeds: Array, pressures: Array) -> Array:
-    """Impulse, peak force, peak depression, largest friction over load, on a body that does not give way."""
+def _press(law: StrikeLaw, given: Mapping[str, Array], deepest: Array, most: Array, speeds: Array, pressures: Array
+           ) -> Array:
+    """Impulse, peak force, peak depression, largest friction over a load that is at `most` so large, on a body that
+    does not give way.
+    """
     normal, reference = law.normal, law.reference
 
     def one(speed, pressure):
         conditions = {**given, "approach_speed": speed, "initial_pressure": pressure}
         values, _ = read_values(normal, conditions, follow(normal, conditions, jnp.asarray(0.5)))
 
-        def rub(depression, slip):
+        def rub(depression, slip, path):
             contact = normal.press(conditions, reference.ball.diameter(), depression)
-            load = jnp.maximum(contact.elastic_force, 1e-6)
+            load = jnp.clip(contact.elastic_force, 1e-6, most)
             patch = Patch(jnp.zeros(()), depression, contact.contact_radius,
                           find_height(reference.ball.diameter(), jnp.zeros(())), contact.pressure, load,
                           conditions | {"tangential_speed": slip})
-            return law.limit(patch, slip, jnp.zeros(()), jnp.zeros(())) / load
+            return law.limit(patch, slip, path, jnp.zeros(())) / load
 
-        friction = jax.vmap(jax.vmap(rub, (0, None)), (None, 0))(deepest * RUBBED, speed * RUBBED)
+        friction = jax.vmap(jax.vmap(jax.vmap(rub, (0, None, None)), (None, 0, None)), (None, None, 0))(
+            deepest * RUBBED, speed * RUBBED, jnp.asarray(PATHS))
         return jnp.stack([reference.ball.inertia() * (speed + values["rebound_speed"]), values["peak_normal_force"],
                           values["peak_depression"], jnp.max(friction)])
 
@@ -169,8 +175,8 @@ def bound_impacts(problem: StrikeProblem, share: float) -> int:
     size = float(np.linalg.norm(inertia @ np.asarray(problem.angular_velocity)))
     fastest = float(reach_speed(problem))
     low, high = np.asarray(limits.pressure)
-    found = np.asarray(_press(problem.law, problem.conditions, limits.depression, jnp.asarray(fastest * SPEEDS),
-                              jnp.asarray(low + PRESSURES * (high - low))))
+    found = np.asarray(_press(problem.law, problem.conditions, limits.depression, limits.force,
+                              jnp.asarray(fastest * SPEEDS), jnp.asarray(low + PRESSURES * (high - low))))
     allowed = (found[..., 1] <= float(limits.force)) & (found[..., 2] <= float(limits.depression))
     # The next speed of the grid, which is not allowed any more, is a bound from above.
     allowed[:, 1:] |= allowed[:, :-1].copy()
