@@ -20,6 +20,7 @@ from ddetumble.dynamics import Cylinder
 from ddetumble.dynamics.bodies import Box, Sphere
 from ddetumble.dynamics.surfaces import make_debris
 from ddetumble.effects.oblique import TangentialCompliance
+from ddetumble.effects.slip import Presliding
 from ddetumble.inference.archive import load
 from ddetumble.planning import sequence
 from ddetumble.planning.closed_form import screen
@@ -254,6 +255,14 @@ def test_span_of_a_plane():
         n = normal / np.linalg.norm(normal)
         frame = np.stack([n, *map(np.asarray, span_plane(jnp.asarray(n)))])
         np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-12)
+
+
+def test_a_bound_counts_friction_that_grows_with_the_slip():
+    """A sphere, which only friction turns: slip over which friction builds up makes it no less at its largest."""
+    body = make_debris(Sphere(100.0, 0.5))
+    problem = dc.replace(pose([0.2, 0.0, 0.0], 0.2, force=300.0), debris=body, symmetric=True)
+    slow = dc.replace(problem, law=problem.law.reference.extend((Presliding(1e-4),)))
+    assert bound_impacts(slow, 0.01) == bound_impacts(problem, 0.01) > 1
 
 
 def test_sequence_ends_and_respects_its_bound():
@@ -521,10 +530,20 @@ def test_a_fitted_model_is_planned_with(tmp_path):
 
 
 def test_laws_that_a_plan_cannot_use_are_refused(tmp_path):
-    """Eq. 10 at the loads of an impact; a fitted power law without the thickness that it reads."""
+    """Eq. 10 where the force may reach what it does not hold at, and not where a limit keeps it below; a fitted power
+    law without the thickness that it reads.
+    """
     scenario = read_scenario(find_data() / "scenarios" / "paper-case-2.toml")
-    with pytest.raises(InputError, match="--model eq8 or coulomb"):
-        mount_law(scenario, None, RubberFriction().extend(()))
+    for friction in (RubberFriction(), dd.contact.SlipCurves()):
+        for force, allowed in ((1000.0, False), (30.5, False), (30.0, True), (25.0, True)):
+            limits = scenario.limits.model_copy(update={"force": force})
+            limited = scenario.model_copy(update={"limits": limits})
+            if allowed:
+                assert type(mount_law(limited, None, friction.extend(())).reference.friction) is type(friction)
+                continue
+            with pytest.raises(InputError, match="--model eq8 or coulomb") as refused:
+                mount_law(limited, None, friction.extend(()))
+            assert refused.value.key == "ball.friction_model" and "30 N" in refused.value.problem
     law = mount_law(scenario, None, CoulombFriction(0.31).extend(()))
     assert float(law.reference.friction.friction_coefficient) == 0.31
     pad = PowerLaw(condition="thickness", condition_reference=0.02).extend(())

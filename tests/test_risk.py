@@ -15,6 +15,7 @@ from scipy.stats import norm
 
 import ddetumble as dd
 from ddetumble import Ball, CoulombFriction, find_data
+from ddetumble._sentences import say
 from ddetumble.cli import main
 from ddetumble.cli.places import locate_fit
 from ddetumble.contact import Striker
@@ -22,7 +23,15 @@ from ddetumble.dynamics import Cylinder
 from ddetumble.dynamics.surfaces import make_debris
 from ddetumble.inference.archive import load
 from ddetumble.planning.constraints import CONSTRAINTS, evaluate, judge
-from ddetumble.planning.draws import draw_coordinates, draw_laws, draw_normals, draw_posterior, split_batch, vary_law
+from ddetumble.planning.draws import (
+    draw_coordinates,
+    draw_laws,
+    draw_normals,
+    draw_posterior,
+    pair_laws,
+    split_batch,
+    vary_law,
+)
 from ddetumble.planning.problem import Goal, Limits, StrikeProblem, read_design, strike_debris
 from ddetumble.planning.robust import KEPT, RobustProblem, plan_robust_strike, smooth_tail
 from ddetumble.planning.scenario import pose_laws, pose_problem
@@ -30,6 +39,7 @@ from ddetumble.planning.scenario_file import read_scenario
 from ddetumble.planning.sequence import Sequence
 from ddetumble.planning.single import ALLOWED, plan_strike
 from ddetumble.planning.uncertainty import (
+    Spread,
     assess_plan,
     assess_sequence,
     evaluate_draws,
@@ -336,6 +346,96 @@ def test_folder_of_the_fit_is_named_as_a_command_takes_it(here, tmp_path, monkey
     laws = pose_laws(read_scenario(scenarios / "uncertain-ball.toml"), scenarios)
     assert laws is not None and laws.folder == places.get(here, "scenarios/close-settings")
     assert (locate_fit(Path(laws.folder)) / "model.json").is_file()
+
+
+def pose_fits(tmp_path, uncertainty, ball=""):
+    """Laws of the shipped case with a force that Eq. 10 allows; "@" is the folder of the repository's fits."""
+    text = (SCENARIOS / "paper-case-2.toml").read_text(encoding="utf-8").replace("force = 1000.0", "force = 25.0")
+    text = f"{text.replace('restitution = 0.7', ball)}\n[uncertainty]\ndraws = 64\n{uncertainty}\n"
+    file = tmp_path / "case.toml"
+    file.write_text(text.replace("@", f"{(ROOT / 'fits').as_posix()}/"), encoding="utf-8")
+    return pose_laws(read_scenario(file), tmp_path)
+
+
+def read_spreads(laws):
+    """Draws of the restitution and of the loss factor."""
+    return (np.asarray(laws.draws.reference.ball.rebound()), np.asarray(laws.draws.reference.friction.loss_factor))
+
+
+def test_fits_of_ball_and_friction_are_drawn_together(tmp_path):
+    """Each as when it is drawn alone, but for the order; what is drawn and what is held is named; in the scenario's
+    ball, both where nothing else is said.
+    """
+    both = pose_fits(tmp_path, 'fit = ["@friction-constants", "@impact-b"]')
+    ball = pose_fits(tmp_path, 'fit = "@impact-b"', 'friction_model = "@friction-constants"')
+    friction = pose_fits(tmp_path, 'fit = "@friction-constants"', 'model = "@impact-b"')
+    unsaid = pose_fits(tmp_path, "", 'model = "@impact-b"\nfriction_model = "@friction-constants"')
+    (a, b), (a_ball, b_ball), (a_friction, b_friction) = map(read_spreads, (both, ball, friction))
+    np.testing.assert_allclose(a, a_ball)
+    np.testing.assert_allclose(np.sort(b), np.sort(b_friction))
+    assert a.std() > 0 and b.std() > 0 and abs(np.corrcoef(a, b)[0, 1]) < 0.35  # of 64 draws, 1 in 200 by chance
+    assert np.ptp(b_ball) == 0 and np.ptp(a_friction) == 0 and b_ball[0] == pytest.approx(float(
+        both.main.reference.friction.loss_factor))
+    for one, drawn, held in ((both, ("impact-b", "friction-constants"), ()),
+                             (unsaid, ("impact-b", "friction-constants"), ()),
+                             (ball, ("impact-b",), ("friction-constants",)),
+                             (friction, ("friction-constants",), ("impact-b",))):
+        assert [name.rpartition("(")[2] for name in one.drawn] == [f"{name})" for name in drawn]
+        assert [name.rpartition("(")[2] for name in one.held] == [f"{name})" for name in held]
+        assert all(name in one.note for name in drawn) and not any(name in one.note for name in held)
+    np.testing.assert_array_equal(read_spreads(unsaid)[1], b)
+
+
+@pytest.mark.parametrize("fit, ball, named", [
+    ('["@impact-b", "@impact-b"]', "", ("impact-b",)),
+    ('"@friction-constants"', 'friction_model = "@slip-coverage"\nmodel = "@impact-b"',
+     ("friction-constants", "slip-coverage", "friction_model")),
+])  # fmt: skip
+def test_two_fits_of_the_same_are_refused(tmp_path, fit, ball, named):
+    """With the names of both, of which none is of the other part of the contact."""
+    with pytest.raises(dd.InputError) as refused:
+        pose_fits(tmp_path, f"fit = {fit}", ball)
+    assert refused.value.key == "uncertainty.fit" and all(name in refused.value.problem for name in named)
+    assert ("impact-b" in refused.value.problem) == ("impact-b" in named)
+
+
+def test_rivals_of_a_ball_are_each_taken_with_the_friction():
+    """Three balls and two frictions make six models, whose weights are products; the names are those of both."""
+    rng = np.random.default_rng(1)
+
+    def draw(name, names, weights):
+        law = vary_law(LAW, {name: (None, 0.02)}, draws=16, seed=int(rng.integers(99)))
+        several = join(*[law] * len(names))
+        return dc.replace(several, names=names, weights=weights, folder=name)
+
+    ball = draw("restitution", ("nothing-but", "gas-leak", "ambient-pressure"), (0.5, 0.3, 0.2))
+    friction = draw("friction_coefficient", ("stribeck", "presliding"), (0.6, 0.4))
+
+    def make(one, other):
+        return eqx.tree_at(lambda law: law.reference.friction, one, other.reference.friction)
+
+    laws = pair_laws(ball, friction, make)
+    assert laws.names[:3] == ("nothing-but+stribeck", "nothing-but+presliding", "gas-leak+stribeck")
+    np.testing.assert_allclose(laws.weights, np.outer(ball.weights, friction.weights).ravel())
+    assert len(split_batch(laws.draws)) == 96 and len(split_batch(laws.best)) == 6 and laws.folder == "restitution"
+    drawn = np.asarray(laws.draws.reference.friction.friction_coefficient)
+    assert drawn.std() > 0 and laws.shares().sum() == pytest.approx(1.0)
+    single = dc.replace(join(vary_law(LAW, {"friction_coefficient": (None, 0.02)}, draws=16)), names=("stribeck",))
+    assert pair_laws(ball, single, make).names == ball.names
+
+
+def test_what_hardly_varies_is_given_as_a_limit():
+    """No spread, or nothing left, is no number of noughts."""
+    def say_spread(mean, sd):
+        spread = Spread(mean, sd, mean, mean, mean, mean)
+        outlook = dc.make_dataclass("Outlook", ["share_left", "violated"])(spread, {})
+        return str(say("plan.spread", whole=outlook, tail=0.1, aim="best", drawn=("the ball (a)",),
+                       held=("the friction (b)",)))
+
+    assert "0.00" not in say_spread(1e-6, 1e-7) and "0.01 %" in say_spread(1e-6, 1e-7)
+    assert "4.20" in say_spread(0.042, 1e-7) and "0.01 %" in say_spread(0.042, 1e-7)
+    assert "4.20 ± 0.10 %" in say_spread(0.042, 0.001) and "0.01 %" not in say_spread(0.042, 0.001)
+    assert "(a)" in say_spread(0.042, 0.001) and "(b)" in say_spread(0.042, 0.001)
 
 
 def test_effects_ask_for_their_conditions(tmp_path, capsys):

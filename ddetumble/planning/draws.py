@@ -41,6 +41,8 @@ class Laws(eqx.Module):
         weights: of the models, with sum 1.
         note: where draws and weights come from, in words.
         folder: of the fit, as `ddetumble design` takes it; '' where there is none.
+        drawn, held: what of the contact the draws vary, and what is the same in all of them, in words; both empty where
+            that is not said.
     """
 
     draws: StrikeLaw
@@ -49,6 +51,8 @@ class Laws(eqx.Module):
     weights: tuple[float, ...] = eqx.field(static=True)
     note: str = eqx.field(static=True, default="")
     folder: str = eqx.field(static=True, default="")
+    drawn: tuple[str, ...] = eqx.field(static=True, default=())
+    held: tuple[str, ...] = eqx.field(static=True, default=())
 
     @property
     def main(self) -> StrikeLaw:
@@ -152,7 +156,7 @@ def find_models(source: Source) -> tuple[list[tuple[str, FittedModel, float]], s
 
 
 def draw_laws(source: Source | Named, make: Callable[[Any], StrikeLaw], *, draws: int = 32, seed: int = 0,
-              note: str = "") -> Laws:
+              note: str = "", name: str = "the fit") -> Laws:
     """Draw contact laws from the samples of a posterior if there are any, else from the covariance of a fit.
 
     All models are drawn with the same random numbers.
@@ -164,6 +168,7 @@ def draw_laws(source: Source | Named, make: Callable[[Any], StrikeLaw], *, draws
         draws: of each model.
         seed: of the random numbers.
         note: where the weights come from; a result says it itself.
+        name: of the fit, for the note on where the draws come from.
 
     Raises:
         InputError: the folder holds no fit, or models that extend different references.
@@ -198,9 +203,39 @@ def draw_laws(source: Source | Named, make: Callable[[Any], StrikeLaw], *, draws
                  else draw_coordinates(one.space, one.u, one.spread(), draws, seed)
                  for one, known in zip(models, sampled, strict=True)]
     origin = (f"There are {draws} draws{' of each model' if len(models) > 1 else ''} from the "
-              f"{'posterior' if all(sampled) else 'covariance'} of the fit.")
+              f"{'posterior' if all(sampled) else 'covariance'} of {name}.")
     return Laws(place(drawn), place(one.u[None] for one in models), names, tuple(map(float, weights)),
                 f"{origin} {note}".rstrip(), folder)
+
+
+def pair_laws(ball: Laws, friction: Laws, make: Callable[[Any, Any], StrikeLaw], *, seed: int = 0) -> Laws:
+    """Draws of a ball and of its friction as those of one contact, every model of the one with every model of the
+    other; as many of each. Their draws are paired in random order: two fits know nothing of each other.
+
+    Args:
+        ball, friction: draws of fitted laws, each as `draw_laws` gives them where `make` changes nothing.
+        make: turns a law of the ball and one of friction into the law of oblique impacts; traced by JAX.
+        seed: of the order.
+    """
+    count = len(ball.shares()) // len(ball.names)
+    order = np.random.default_rng(seed).permutation(count)
+    first, second = (one.ravel() for one in np.indices((len(ball.names), len(friction.names))))
+
+    def join(one: Any, other: Any, places: np.ndarray, others: np.ndarray) -> StrikeLaw:
+        return jax.vmap(make)(jax.tree.map(lambda leaf: leaf[places], one),
+                              jax.tree.map(lambda leaf: leaf[others], other))
+
+    draws = join(ball.draws, friction.draws, (first[:, None] * count + np.arange(count)).ravel(),
+                 (second[:, None] * count + order).ravel())
+    # A model that all have in common tells none from the other.
+    several = [one for one in (ball, friction) if len(one.names) > 1] or [ball, friction]
+    own = [[one.names[i if one is ball else j] for one in several] for i, j in zip(first, second, strict=True)]
+    nothing = name_rival(())
+    return Laws(draws, join(ball.best, friction.best, first, second),
+                tuple("+".join(one for one in names if one != nothing) or nothing for names in own),
+                tuple(np.outer(ball.weights, friction.weights).ravel().tolist()),
+                f"{ball.note} {friction.note} They are drawn together, each independently of the other.",
+                ball.folder if len(ball.names) > 1 or len(friction.names) == 1 else friction.folder)
 
 
 def vary_law(law: StrikeLaw, stated: Mapping[str, tuple[float | None, float]],
@@ -244,4 +279,5 @@ def vary_law(law: StrikeLaw, stated: Mapping[str, tuple[float | None, float]],
     build = jax.vmap(space.build)
     found = draw_coordinates(space, u, spread, draws, seed)
     return Laws(build(jnp.asarray(found)), build(jnp.asarray(u[None])), ("the stated model",), (1.0,),
-                f"There are {draws} draws from the stated means and standard deviations.")
+                f"There are {draws} draws from the stated means and standard deviations.", drawn=tuple(names),
+                held=("all else",))

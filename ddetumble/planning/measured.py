@@ -67,9 +67,10 @@ def find_contacts(scenario: Scenario, here: Path) -> dict[str, FittedModel]:
     """The fitted models that a scenario's contact is made from, by folder as the scenario names it; of several rivals
     the first with the largest weight; none for the paper's own ball.
     """
-    fit = "" if scenario.uncertainty is None else scenario.uncertainty.fit.removesuffix("/result.json")
+    fits = () if scenario.uncertainty is None else scenario.uncertainty.fit
     return {name: max(find_models(here / name)[0], key=lambda one: one[2])[1]
-            for name in filter(None, (scenario.ball.model, scenario.ball.friction_model, fit))}
+            for name in filter(None, (scenario.ball.model, scenario.ball.friction_model,
+                                  *(fit.removesuffix("/result.json") for fit in fits)))}
 
 
 def list_misfits(contacts: Mapping[str, FittedModel]) -> tuple[Misfit, ...]:

@@ -172,8 +172,13 @@ def _halve_ball(problem: StrikeProblem) -> float:
     return max(0.5 * diameter, given) if diameter else 10.0 * given
 
 
+def _bear_load(problem: StrikeProblem) -> float:
+    """Load up to which the friction model holds, a million newtons where it holds at any [N]."""
+    return problem.law.reference.friction.valid.get("normal_load", (0.0, 1e6))[1]
+
+
 LIMITS = (
-    _Limit("limits.force", "N", "force", (CONSTRAINTS.force,), lambda problem: 1e6,
+    _Limit("limits.force", "N", "force", (CONSTRAINTS.force,), _bear_load,
            lambda limit, c: limit * (1.0 - c)),
     _Limit("limits.depression", "m", "depression", (CONSTRAINTS.depression,), _halve_ball,
            lambda limit, c: limit * (1.0 - c)),

@@ -3,6 +3,7 @@
 import dataclasses as dc
 import math
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +21,12 @@ from ..contact.effect import parameters_of
 from ..contact.friction import DIVERGES_ABOVE
 from ..contact.gripping import StrikeLaw, Striker
 from ..contact.law import Ball, ContactLaw
-from ..contact.sliding import AbstractFriction, CoulombFriction, FrictionLaw, RubberFriction
+from ..contact.sliding import AbstractFriction, CoulombFriction, FrictionLaw
 from ..dynamics.bodies import AbstractBody, Box, Cylinder, Sphere, read_mesh
 from ..dynamics.surfaces import make_debris
 from ..inference.archive import load
 from ..inference.models import is_fitted
-from .draws import Laws, draw_laws, find_models, vary_law
+from .draws import Laws, Named, draw_laws, find_models, pair_laws, vary_law
 from .problem import Goal, Limits, StrikeProblem
 from .scenario_file import OF_A_FIT, BallTable, DebrisTable, Scenario, check_faces
 
@@ -96,10 +97,12 @@ def mount_law(scenario: Scenario, fitted: ContactLaw | StrikeLaw | None, rubbed:
             raise InputError("this contact model has no effective_mass; leave it out", key="arm.mass")
         reference = eqx.tree_at(lambda one: one.effective_mass, reference, scalar(arm.mass))
     assert isinstance(friction.reference, AbstractFriction)
-    if isinstance(friction.reference, RubberFriction):
-        raise InputError("the slip term of Eqs. 9 and 10 grows without limit at the loads of an impact (above "
-                         f"{DIVERGES_ABOVE:.1f} N); fit the slip records with --model eq8 or coulomb",
-                         key="ball.friction_model")
+    _, highest = friction.reference.valid.get("normal_load", (0.0, math.inf))
+    if float(scenario.limits.force) > highest:
+        raise InputError(f"the slip term of Eqs. 9 and 10 grows without limit above {DIVERGES_ABOVE:.1f} N, but "
+                         f"limits.force lets an impact reach {float(scenario.limits.force):g} N; state limits.force = "
+                         f"\"{highest:g} N\" or less, or fit the slip records with --model eq8 or coulomb",
+                         key="ball.friction_model" if rubbed is not None else "ball.model")
     given = {*reference.provides, *friction.reference.provides, *GIVEN, *ball.conditions}
     power = getattr(reference, "condition", "")
     read = [("the fitted power law", power)] if power else []
@@ -132,31 +135,54 @@ def pose_laws(scenario: Scenario, here: Path) -> Laws | None:
         stated = {name: (None if one.mean is None else float(one.mean), float(one.sd))
                   for name, one in table.parameters.items()}
         return vary_law(law, stated, table.correlation, draws=table.draws, seed=scenario.seed)
-    name = table.fit or ball.model or ball.friction_model
-    if not name:
+    fits: dict[str, tuple[str, Path, Named, str]] = {}  # by the key of the ball that they stand for
+    for name in table.fit or tuple(filter(None, (ball.model, ball.friction_model))):
+        folder = here / name
+        folder = folder.parent if folder.suffix == ".json" else folder
+        if not is_fitted(str(folder)):
+            raise InputError(f"{name} is not a folder that fit, sample, discover or average wrote",
+                             key="uncertainty.fit")
+        models, note = find_models(folder)
+        family = models[0][1].space.family
+        if not (family.has_contact or family.has_strokes):
+            raise InputError("the fit must be one of impacts or of slip records", key="uncertainty.fit")
+        if not family.has_strokes and "outer_diameter" in ball.model_fields_set:
+            raise InputError(OF_A_FIT, key="ball.outer_diameter")
+        own = "friction_model" if family.has_strokes else "model"
+        what, taken = "friction" if family.has_strokes else "ball", getattr(ball, own)
+        if own in fits:
+            raise InputError(f"{fits[own][0]} and {name} are both fits of the {what}; name one of the ball and one of "
+                             "its friction", key="uncertainty.fit")
+        if taken and (here / taken).resolve() != folder.resolve():
+            raise InputError(f"the fit of the {what} is {name} here but {taken} in ball.{own}; name one of them",
+                             key="uncertainty.fit")
+        fits[own] = name, folder, models, note
+    if not fits:
         raise InputError("the uncertainty of the contact is not given: name a fit, or give parameters with their sd",
                          key="uncertainty")
-    folder = here / name
-    folder = folder.parent if folder.suffix == ".json" else folder
-    if not is_fitted(str(folder)):
-        raise InputError(f"{name} is not a folder that fit, sample, discover or average wrote", key="uncertainty.fit")
-    models, note = find_models(folder)
-    family = models[0][1].space.family
-    if not (family.has_contact or family.has_strokes):
-        raise InputError("the fit must be one of impacts or of slip records", key="uncertainty.fit")
-    if not family.has_strokes and "outer_diameter" in ball.model_fields_set:
-        raise InputError(OF_A_FIT, key="ball.outer_diameter")
-    own = "friction_model" if family.has_strokes else "model"
-    taken = getattr(ball, own)
-    if taken and (here / taken).resolve() != folder.resolve():
-        raise InputError(f"the ball's model is {taken}, but the fit is {name}; name one of them", key="uncertainty.fit")
-    fitted, rubbed = load_laws(ball.model_copy(update={own: ""}), here)
+    fitted, rubbed = load_laws(ball.model_copy(update=dict.fromkeys(fits, "")), here)
 
-    def make(law):
-        return mount_law(scenario, fitted, law) if family.has_strokes else mount_law(scenario, law, rubbed)
+    def draw(own: str, make: Callable[[Any], Any]) -> Laws:
+        _, folder, models, note = fits[own]
+        laws = draw_laws(models, make, draws=table.draws, seed=scenario.seed, note=note, name=folder.name)
+        return dc.replace(laws, folder=name_folder(folder))
 
-    laws = draw_laws(models, make, draws=table.draws, seed=scenario.seed, note=note)
-    return dc.replace(laws, folder=name_folder(folder))
+    if len(fits) == 2:
+        laws = pair_laws(draw("model", lambda law: law), draw("friction_model", lambda law: law),
+                         partial(mount_law, scenario), seed=scenario.seed)
+    elif "model" in fits:
+        laws = draw("model", lambda law: mount_law(scenario, law, rubbed))
+    else:
+        laws = draw("friction_model", lambda law: mount_law(scenario, fitted, law))
+    # A fit of oblique impacts brings its friction, unless another one is named.
+    struck = fits["model"][2][0][1].law() if "model" in fits else fitted
+    whole = isinstance(struck, StrikeLaw) and not ball.friction_model and "friction_model" not in fits
+    words = {"model": "the ball and its friction"} if whole else {"model": "the ball", "friction_model": "the friction"}
+    for own in words:
+        name = fits[own][1].name if own in fits else Path(getattr(ball, own)).name
+        words[own] += f" ({name})" if name else ""
+    return dc.replace(laws, drawn=tuple(one for own, one in words.items() if own in fits),
+                      held=tuple(one for own, one in words.items() if own not in fits))
 
 
 def _find_faces(wanted: tuple[str, ...], names: tuple[str, ...]) -> np.ndarray:

@@ -46,6 +46,11 @@ def _read_in(unit: str, scale: float = 1.0) -> BeforeValidator:
     return BeforeValidator(read)
 
 
+def _list_names(value: Any) -> Any:
+    """One name as a list of it, none where it is empty; what is no text passes."""
+    return tuple(filter(None, [value])) if isinstance(value, str) else value
+
+
 Mass = Annotated[Positive, _read_in("kg")]
 Length = Annotated[Positive, _read_in("m")]
 Distance = Annotated[NotNegative, _read_in("m")]
@@ -121,8 +126,8 @@ class BallTable(Strict):
         default=0.06, description="outer diameter of the ball before deformation [m]; 60 mm is the paper's ball. The "
         "ball of a fit has what its campaign states (`import --known 'outer_diameter=60 mm'`).")
     friction_model: StrictStr = Field(
-        default="", description="folder of a fit to slip records, by `--model eq8` or `coulomb` "
-        "(Eq. 10 grows without limit at the loads of an impact).")
+        default="", description="folder of a fit to slip records. One with the slip term of Eqs. 9 and 10, which grows "
+        "without limit above 30.7 N, needs `limits.force` of 30 N or less; one by `--model eq8` or `coulomb` does not.")
     restitution: Annotated[StrictFloat, Field(gt=0, lt=1)] = Field(
         default=0.7, description="restitution of the paper's ball.")
     friction: NotNegative = Field(
@@ -271,9 +276,12 @@ class SpreadTable(Strict):
 class UncertaintyTable(Strict):
     """`[uncertainty]`: how well the contact is known, and what the plan makes of that."""
 
-    fit: StrictStr = Field(default="", description="folder that `fit`, `sample`, `discover` or `average` wrote (or its "
-        "`result.json`), relative to the scenario's folder; it replaces the ball's model. If neither this nor "
-        "`parameters` is given, it is the folder of the ball's model.")
+    fit: Annotated[tuple[StrictStr, ...], BeforeValidator(_list_names)] = Field(
+        default=(), description="folder that `fit`, `sample`, `discover` or `average` wrote (or its `result.json`), "
+        "relative to the scenario's folder, or a list of two, one of the ball and one of its friction, which are drawn "
+        "together. A fit to impacts is the ball's model, one to slip records its friction; the other one is held, and "
+        "the page says so. If neither this nor `parameters` is given, all that `model` and `friction_model` of the "
+        "ball name are drawn.")
     parameters: dict[StrictStr, SpreadTable] = Field(
         default={}, description="parameters of the contact model by name, each with `sd` and, unless it is the model's "
         "own value, `mean`.")
@@ -370,9 +378,10 @@ def _find_files(scenario: Scenario, here: Path) -> None:
         if name and not (here / name).is_dir():
             there = f"; names count from the folder of the scenario on, {here}" if Path(name).is_dir() else ""
             raise InputError(f"{name} is not a folder that fit or discover wrote{there}", key=key)
-    if table is not None and table.fit and not (here / table.fit).exists():
-        raise InputError(f"{table.fit} is not a folder that fit, sample, discover or average wrote",
-                         key="uncertainty.fit")
+    for name in () if table is None else table.fit:
+        if not (here / name).exists():
+            raise InputError(f"{name} is not a folder that fit, sample, discover or average wrote",
+                             key="uncertainty.fit")
     if scenario.debris.shape == "mesh" and not (here / scenario.debris.file).is_file():
         raise InputError(f"there is no file {scenario.debris.file}", key="debris.file")
     if scenario.goal.function and own is None:

@@ -197,7 +197,7 @@ def assess_plan(problem: StrikeProblem, plan: StrikePlan, laws: Laws, *, tail: f
     slack = max(BEYOND, float(spreads[1 + CONSTRAINTS.index(worst.limit)]) if worst.limit else 0.0)
     costs = worst.loss > max(within, RESOLUTION) or worst.beyond > slack
     matters = costs or difference > max(within, RESOLUTION)
-    sentences = [str(say("plan.spread", whole=whole, tail=tail, aim=aim))]
+    sentences = [str(say("plan.spread", whole=whole, tail=tail, aim=aim, drawn=laws.drawn, held=laws.held))]
     if len(models) > 1:
         names = ["nothing" if name == REFERENCE else name.replace("+", " with ") for name in models]
         factor, unit = UNITS.get(worst.limit, (100.0, "%"))
@@ -229,5 +229,5 @@ def assess_sequence(problem: StrikeProblem, sequence: Impacts, laws: Laws, share
     violated = {f"{k + 1}: {CONSTRAINTS[c]}": float(broken[k, c]) for k, c in zip(*np.nonzero(broken), strict=True)}
     reached = float(weights @ (left[:, -1] <= share * (1.0 + SLACK))) * (1.0 - lost)
     sentence = say("plan.sequence", count=len(after), end=after[-1], reached=reached, violated=violated, lost=lost,
-                   share=share, tail=tail)
+                   share=share, tail=tail, drawn=laws.drawn, held=laws.held)
     return Prospect(after, np.sqrt(np.maximum(best[:, SHARE], 0.0)), reached, violated, lost, str(sentence))

@@ -469,8 +469,8 @@ def _show_outlook(found: Assessment, plan_for: str, prospect: Prospect | None, s
     for name, one in (*found.models.items(), ("all, by their weights", found.whole)):
         left, force, depth = one.share_left, one.peak_normal_force, one.peak_depression
         passed = ", ".join(f"{limit} {100 * part:.0f} %" for limit, part in one.violated.items() if part > 0)
-        rows.append([name, f"{one.weight:.2f}", f"{100 * left.mean:.2f} ± {100 * left.sd:.2f}",
-                     f"{100 * left.q05:.2f} to {100 * left.q95:.2f}", f"{100 * left.tail:.2f}",
+        rows.append([name, f"{one.weight:.2f}", f"{_show_little(left.mean)} ± {_show_little(left.sd)}",
+                     f"{_show_little(left.q05)} to {_show_little(left.q95)}", _show_little(left.tail),
                      f"{_show(force.mean, 1)} ± {_show(force.sd, 1, 2)}",
                      f"{_show(1e3 * depth.mean, 2)} ± {_show(1e3 * depth.sd, 2, 2)}",
                      passed or "none", f"{100 * one.regret.loss:.2f}"])
@@ -516,6 +516,11 @@ def _show(value: float, places: int, digits: int = 3) -> str:
     """A number to so many decimal places, and to more where that would leave it fewer than so many digits."""
     size = abs(value) if math.isfinite(value) and value else 1.0
     return f"{value:.{max(places, digits - 1 - math.floor(math.log10(size)))}f}"
+
+
+def _show_little(share: float) -> str:
+    """A share in per cent to two decimal places, and that it is below these where they would show nothing of it."""
+    return f"{100 * share:.2f}" if 100 * share >= 0.005 else "< 0.01"
 
 
 def _join(vector) -> str:
