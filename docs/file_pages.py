@@ -51,8 +51,8 @@ BEFORE_SCENARIO = """\
 # What `ddetumble plan` reads and writes
 
 Made by `python -m docs.file_pages`. A scenario is one TOML file; numbers are SI, angles in degrees where the key
-says so; a text with a unit does as well (`"3 deg/s"`, `"12 cm"`, `"76 N"`). Keys that are not listed are refused, with
-their name. The smallest scenario:
+says so; a text with a unit does as well (`"3 deg/s"`, `"12 cm"`, `"76 N"`), in a list for all of its values that are
+not zero, or for none. Keys that are not listed are refused, with their name. The smallest scenario:
 
 ```toml
 schema = "ddetumble.plan/1"

@@ -109,13 +109,58 @@ def test_units_in_texts(tmp_path):
     plain = read(tmp_path, SCENARIO.replace("0.03]", "0.0174532925199433]") 
                  + "radius = 0.8\n[limits]\nforce = 76.0\ndepression = 0.007\npressure = [1e6, 2e6]\n"
                  "[arm]\nspeed = 0.4\n")
-    units = read(tmp_path, SCENARIO.replace("[0.05, 0.02, 0.03]", '[0.05, "0.02 rad/s", "1 deg/s"]')
+    units = read(tmp_path, SCENARIO.replace("[0.05, 0.02, 0.03]", '["0.05 rad/s", "0.02 rad/s", "1 deg/s"]')
                  + 'radius = "80 cm"\n[limits]\nforce = "76 N"\ndepression = "7 mm"\npressure = ["10 bar", "2 MPa"]\n'
                  '[arm]\nspeed = "40 cm/s"\n')
     np.testing.assert_allclose(units.angular_velocity, plain.angular_velocity, rtol=1e-12)
     np.testing.assert_allclose(units.debris.inertia, plain.debris.inertia, rtol=1e-12)
     for name in ("force", "depression", "pressure", "speed"):
         np.testing.assert_allclose(getattr(units.limits, name), getattr(plain.limits, name), rtol=1e-12)
+
+
+@pytest.mark.parametrize("text, key", [
+    ('[6, "3 deg/s", "11 deg/s"]', "debris.angular_velocity"), ('["1 MPa", 2]', "limits.pressure")])
+def test_a_number_without_a_unit_beside_others_with_one_is_asked_about(tmp_path, text, key):
+    """As it might be meant in their unit; zero is the same in all."""
+    turn, limits = (text, "[1e6, 2e6]") if key.startswith("debris") else ("[0.05, 0.0, 0.02]", text)
+    with pytest.raises(dd.InputError) as refused:
+        read(tmp_path, SCENARIO.replace("[0.05, 0.02, 0.03]", turn) + f"[limits]\npressure = {limits}\n")
+    assert refused.value.key == key
+    rates = read(tmp_path, SCENARIO.replace("[0.05, 0.02, 0.03]", '[0, "3 deg/s", 0.0]')).angular_velocity
+    np.testing.assert_allclose(rates, np.radians([0.0, 3.0, 0.0]))
+
+
+def test_a_pressure_and_an_instant_that_are_given(tmp_path):
+    """Twice the same: the impact has them, reaches no limit by them, and they have no price."""
+    text = SCENARIO.replace("[debris]", "starts = 1\n[debris]")
+    (tmp_path / "case.toml").write_text(f'{text}[limits]\nwindow = [20, 20]\npressure = ["1.5 MPa", "1.5 MPa"]\n',
+                                        encoding="utf-8")
+    found = dd.plan(tmp_path / "case.toml")
+    (one,) = found.impacts
+    assert float(one.design.pressure) == pytest.approx(1.5e6) and found.sequence.instants[0] == pytest.approx(20.0)
+    told = {name for names in found.reached for name in names} | {price.key for row in found.prices for price in row}
+    assert not {"lowest pressure", "highest pressure", "limits.pressure", "limits.window"} & told
+    assert not any("instant" in name for name in told)
+    page = dd.report(found, tmp_path / "out").read_text(encoding="utf-8")
+    assert "1.5 to 1.5" not in page
+    angle = np.degrees(np.arctan2(float(one.collision.tangential_speed), float(one.collision.approach_speed)))
+    assert f"{angle:.1f}" in page.partition("to the normal [°]")[2].partition("</table>")[0]
+    with pytest.raises(dd.InputError) as refused:
+        read(tmp_path, SCENARIO + '[limits]\npressure = ["2 MPa", "1 MPa"]\n')
+    assert refused.value.key == "limits"
+
+
+def test_a_plan_that_fails_says_what_was_doubted(tmp_path, monkeypatch):
+    """A pressure in MPa that was meant in Pa stands beside what could not be computed."""
+    def fail(*args, **kwargs):
+        raise dd.ComputationError("nothing could be integrated")
+
+    monkeypatch.setattr("ddetumble.planning.plan._plan", fail)
+    path = tmp_path / "case.toml"
+    path.write_text(SCENARIO + "[limits]\npressure = [1, 2]\n")
+    with pytest.raises(dd.ComputationError) as failed:
+        dd.plan(path)
+    assert "limits.pressure" in str(failed.value) and "integrated" in str(failed.value)
 
 
 def test_a_ball_of_another_size(tmp_path):

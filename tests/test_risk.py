@@ -424,6 +424,14 @@ def test_rivals_of_a_ball_are_each_taken_with_the_friction():
     assert pair_laws(ball, single, make).names == ball.names
 
 
+def test_a_parameter_by_the_letter_of_its_words_is_pointed_to_its_name():
+    """K of Eq. 8, as pages have it, is the adhesion constant."""
+    law = Striker(Ball(), dd.contact.AdhesionHysteresis(), tangential_mass=8.0, rolling_mass=1e9).extend(())
+    with pytest.raises(dd.InputError) as refused:
+        vary_law(law, {"K": (None, 0.1)})
+    assert "adhesion_constant" in refused.value.problem.split("; ")[1] and refused.value.problem.count("; ") == 2
+
+
 def test_what_hardly_varies_is_given_as_a_limit():
     """No spread, or nothing left, is no number of noughts."""
     def say_spread(mean, sd):

@@ -255,7 +255,9 @@ def vary_law(law: StrikeLaw, stated: Mapping[str, tuple[float | None, float]],
     roots, sds = np.zeros((len(names), len(space))), np.zeros(len(names))
     for row, (name, (mean, sd)) in enumerate(stated.items()):
         if name not in space.index:
-            raise InputError(f"there is no parameter {name!r} in this model; "
+            words = {one: space.parameter(one).text for one in space.index}
+            meant = [f"{text} is {one}; " for one, text in words.items() if text.split(" ")[0] == name]
+            raise InputError(f"there is no parameter {name!r} in this model; {''.join(meant)}"
                              f"{offer_names(name, space.index, 'its parameters are')}", key="uncertainty.parameters")
         k = space.index[name]
         transform = space.parameter(name).transform

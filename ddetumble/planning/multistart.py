@@ -26,6 +26,7 @@ PENALTY = 3.0  # of a scaled violation, in units of the score: more than a viola
 # problems: what they wrongly forbid is never seen, what they wrongly allow a descent repairs.
 LOOSE = np.array(Constraints(*np.zeros(len(CONSTRAINTS)))._replace(force=0.03, depression=0.03, edge=0.02,
                                                                    next_edge=0.02, clear=0.3))
+HELD = [VARIABLES.index("pressure"), VARIABLES.index("instant")]  # of which a scenario may give one value
 FAST = 2.0  # of the speed that limits allow by the closed form, up to which it may be wrong
 
 Place = tuple[int, np.ndarray]  # face and variables
@@ -46,6 +47,9 @@ def find_bounds(problem: StrikeProblem, face: int) -> np.ndarray:
     fastest = float(reach_speed(problem) / problem.unit)
     bounds[SPEED] = [min(0.5 * float(problem.limits.approach / problem.unit), fastest), fastest]
     bounds[SLIPS] = [-fastest, fastest]
+    for k, (low, high) in zip(HELD, (problem.limits.pressure, problem.limits.window), strict=True):
+        if float(low) == float(high):  # a value that is given, at neither end of anything
+            bounds[k] = 0.0
     return bounds
 
 
@@ -136,6 +140,7 @@ def _evolve(problem: StrikeProblem, chosen: np.ndarray, draws: int, seed: int, n
     # arm can.
     x[::2, SLIPS] *= 0.1
     x[1::8, SLIPS] *= fastest
+    x[:, HELD] = np.clip(x[:, HELD], *find_bounds(problem, 0)[HELD].T)
     for k, (face, place) in enumerate(near):
         x[np.flatnonzero(faces == face)[k]] = place
     x, worth, least = judge(x)

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from .._display import AbstractPrinted, Progress
-from .._errors import InputError, error_place
+from .._errors import ComputationError, InputError, error_place
 from .._sentences import say
 from ..contact.gripping import StrikeLaw
 from ..inference.archive import FittedModel
@@ -174,7 +174,8 @@ class Plan(AbstractPrinted):
         sizes = self.settings.errors.sizes()
         told = [
             say("plan.headline", found=found, share=share, worth=worth, erring=erring, stated=stated,
-                more=len(found.impacts) < self.settings.impacts, ended=ENDED),
+                more=len(found.impacts) < self.settings.impacts, ended=ENDED,
+                plain=self.aim == "best" and self.settings.least == "impacts"),
             say("plan.misfits", misfits=self.misfits) if self.misfits else "", *self.doubts,
             say("plan.outcome", found=found, share=share, worth=worth, erring=erring, raised=RAISED,
                 most=NAMES[most[0]] if len(most) == 1 else "", beyond=self.beyond,
@@ -297,7 +298,12 @@ def plan_scenario(scenario: Scenario, here: Path, path: Path | None = None, *, p
                             errors=scenario.errors)
     if table is not None:
         settings = dc.replace(settings, plan_for=table.plan_for, tail=table.tail, draws=table.draws)
-    found = _plan(problem, dc.replace(settings, **changes), laws, contacts, progress=progress)
+    try:
+        found = _plan(problem, dc.replace(settings, **changes), laws, contacts, progress=progress)
+    except ComputationError as error:
+        if not doubts:
+            raise
+        raise ComputationError(f"{error}. {' '.join(map(str, doubts))}") from None
     return dc.replace(found, doubts=doubts, title=scenario.title or (path.stem if path else ""),
                       source=path.name if path else "")
 

@@ -44,14 +44,14 @@ class Price:
 
 
 def _widen(limits: Limits, end: int) -> float:
-    """Change of the scaled pressure that a bound moved by a part of itself allows."""
+    """Change of the scaled pressure that a bound moved by a part of itself allows; 0 where the pressure is given."""
     ends = [float(one) for one in limits.pressure]
-    return 2.0 * PART * ends[end] / (ends[1] - ends[0])
+    return 2.0 * PART * ends[end] / (ends[1] - ends[0]) if ends[1] > ends[0] else 0.0
 
 
 def _wait(limits: Limits) -> float:
     early, late = (float(one) for one in limits.window)
-    return 2.0 * SECOND / (late - early)
+    return 2.0 * SECOND / (late - early) if late > early else 0.0
 
 
 def _hurry(limits: Limits) -> float:

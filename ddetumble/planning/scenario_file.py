@@ -51,6 +51,17 @@ def _list_names(value: Any) -> Any:
     return tuple(filter(None, [value])) if isinstance(value, str) else value
 
 
+def _refuse_mixed(values: Any) -> Any:
+    """Refuse texts with units beside a plain number other than zero, whose unit nobody can be sure of."""
+    if isinstance(values, (list, tuple)) and any(isinstance(one, str) for one in values):
+        bare = [one for one in values if not isinstance(one, str) and one]
+        if bare:
+            raise ValueError(f"{bare[0]} has no unit, but others beside it do: is it meant in theirs? Give each value "
+                             "its unit, or none of them, for SI")
+    return values
+
+
+ALIKE = BeforeValidator(_refuse_mixed)
 Mass = Annotated[Positive, _read_in("kg")]
 Length = Annotated[Positive, _read_in("m")]
 Distance = Annotated[NotNegative, _read_in("m")]
@@ -63,7 +74,7 @@ Momentum = Annotated[Number, _read_in("N*m*s")]
 Inertia = Annotated[Number, _read_in("kg*m^2")]
 Row = tuple[Inertia, Inertia, Inertia]
 Place = Annotated[Number, _read_in("m")]
-Places = tuple[Place, Place, Place]
+Places = Annotated[tuple[Place, Place, Place], ALIKE]
 Fraction = Annotated[NotNegative, _read_in("")]
 Degrees = Annotated[NotNegative, _read_in("rad", DEGREES)]
 Vector = tuple[Number, Number, Number]
@@ -77,7 +88,7 @@ class DebrisTable(Strict):
     mass: Mass = Field(default=1000.0, description="[kg].")
     radius: Length = Field(default=1.0, description="radius of a cylinder or a sphere [m].")
     length: Length = Field(default=3.0, description="length of a cylinder [m].")
-    lengths: tuple[Length, Length, Length] | None = Field(
+    lengths: Annotated[tuple[Length, Length, Length], ALIKE] | None = Field(
         default=None, description="edges of a box along body x, y, z [m].")
     file: StrictStr = Field(default="", description="file of a closed convex mesh, relative to the scenario's folder.")
     scale: Positive = Field(default=1.0, description="metres per unit of the mesh.")
@@ -89,9 +100,9 @@ class DebrisTable(Strict):
         "[m]; needs `inertia`.")
     attitude: tuple[Number, Number, Number, Number] = Field(
         default=(1.0, 0.0, 0.0, 0.0), description="quaternion, scalar first, body to inertial.")
-    angular_velocity: tuple[Rate, Rate, Rate] | None = Field(
+    angular_velocity: Annotated[tuple[Rate, Rate, Rate], ALIKE] | None = Field(
         default=None, description="angular velocity, body components [rad/s].")
-    angular_momentum: tuple[Momentum, Momentum, Momentum] | None = Field(
+    angular_momentum: Annotated[tuple[Momentum, Momentum, Momentum], ALIKE] | None = Field(
         default=None, description="inertial components [N m s], instead of `angular_velocity`.")
 
     @pydantic.model_validator(mode="after")
@@ -165,10 +176,12 @@ class ArmTable(Strict):
         default=True, description="whether the mount keeps the ball from turning; if not, it turns with the rolling "
         "mass of an oblique fit, or 0.5 kg.")
     speed: Speed = Field(default=2.0, description="largest speed of the tip [m/s].")
-    chaser: Vector = Field(default=(1.0, 0.0, 0.0), description="direction from the debris to the chaser, inertial.")
+    chaser: Vector = Field(default=(1.0, 0.0, 0.0), description="direction from the debris to the chaser, inertial; it "
+        "counts where `cone_degrees` is less than 180.")
     cone_degrees: Annotated[Number, Field(gt=0, le=180), _read_in("rad", DEGREES)] = Field(
-        default=180.0, description="largest angle between this direction and the outward normal at the place that is "
-        "struck.")
+        default=180.0, description="largest angle between this direction, `chaser`, and the outward normal at the "
+        "place that is struck: which faces the chaser can reach. It is no limit of the angle at which the ball comes "
+        "to the face, which no key limits; the page states that of every impact.")
     chaser_mass: Mass | None = Field(
         default=None, description="mass of the chaser, whose recoil the result then states [kg].")
     clearance_time: Annotated[Positive, _read_in("s")] = Field(
@@ -185,12 +198,13 @@ class ArmTable(Strict):
 class LimitTable(Strict):
     """`[limits]`: what ball and debris can take."""
 
-    pressure: tuple[Pressure, Pressure] = Field(
-        default=(1.0e6, 2.5e6), description="lowest and highest initial pressure, absolute [Pa].")
+    pressure: Annotated[tuple[Pressure, Pressure], ALIKE] = Field(
+        default=(1.0e6, 2.5e6), description="lowest and highest initial pressure, absolute [Pa]; twice the same for "
+        "one that is given.")
     force: Force = Field(default=500.0, description="largest peak normal force [N].")
     depression: Length = Field(default=0.02, description="largest depression of the ball [m].")
     edge: Distance = Field(default=0.02, description="least distance of the contact disc from an edge [m].")
-    window: tuple[Time, Annotated[Positive, _read_in("s")]] = Field(
+    window: Annotated[tuple[Time, Annotated[Positive, _read_in("s")]], ALIKE] = Field(
         default=(0.0, 60.0), description="earliest and latest instant of first touch [s]; in a sequence the shortest "
         "and longest wait.")
     approach: Speed = Field(default=0.05, description="least speed along the normal [m/s].")
@@ -209,7 +223,7 @@ class LimitTable(Strict):
     @pydantic.model_validator(mode="after")
     def _check(self):
         for name, (low, high) in (("pressure", self.pressure), ("window", self.window)):
-            if not low < high:
+            if low > high:
                 raise ValueError(f"{name} must have its lowest value first and its highest second")
         if (self.target is None) != (self.target_radius is None):
             raise ValueError("give target and target_radius together")

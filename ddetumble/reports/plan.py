@@ -234,13 +234,18 @@ def write_plan(plan: Plan, folder) -> Path:
             [np.linalg.norm(course.friction, axis=1) for course in courses], [f"impact {k + 1}" for k in chosen]))
         unit, factor = choose_time_unit(find_end(sequence))
         rows = [[str(one["impact"]), f"{factor * one['instant']:.{4 if unit == 'h' else 2}f}", one["face"],
-                 _join(one["point"]), _join(one["arm_velocity"]), f"{one['initial_pressure'] / 1e6:.3f}",
+                 _join(one["point"]), _join(one["arm_velocity"]),
+                 f"{math.degrees(math.atan2(one['tangential_speed'], one['approach_speed'])):.1f}",
+                 f"{one['initial_pressure'] / 1e6:.3f}",
                  _show(one["peak_normal_force"], 1), _show(1e3 * one["peak_depression"], 2),
                  _show(1e3 * one["duration"], 1), f"{100 * one['share_left']:.3f}",
                  ", ".join(map(_say_limit, one["limits_reached"])) or "none"] for one in impacts]
         tables.append(Table(
-            ["impact", f"at [{unit}]", "face", "point, body [m]", "arm's velocity, inertial [m/s]", "pressure [MPa]",
-             "peak force [N]", "depression [mm]", "contact [ms]", "momentum left [%]", "limits reached"], rows))
+            ["impact", f"at [{unit}]", "face", "point, body [m]", "arm's velocity, inertial [m/s]", "to the normal [°]",
+             "pressure [MPa]", "peak force [N]", "depression [mm]", "contact [ms]", "momentum left [%]",
+             "limits reached"], rows,
+            "To the normal: the angle at which the ball comes to the face, of its velocity relative to the place that "
+            "is struck."))
     farther = [f"Impact {k} is beyond what was measured: {', '.join(map(format_extrapolation, others))}."
                for k, others in enumerate(outside, 1) if others]
     sections.append(Section("Before, between and after", figures=figures, tables=tables, points=farther))
@@ -347,7 +352,8 @@ def _show_problem(plan: Plan) -> Section:
     wanted = [f"{float(weight):g} × {what}" for weight, what in (
         (goal.momentum, "momentum left"), (goal.energy, "rotational energy left"), (goal.nutation, "nutation over 90°"))
         if float(weight)] if goal.own is None else [f"{goal.own.__name__} of the motion after the impact"]
-    low, high = (f"{float(one) / 1e6:.3g}" for one in limits.pressure)
+    pressures = " to ".join(dict.fromkeys(f"{float(one) / 1e6:.4g}" for one in limits.pressure))
+    window = " to ".join(dict.fromkeys(f"{float(one):.4g}" for one in limits.window))
     since = "time 0" + (", and after the end of the impact before" if plan.settings.impacts > 1 else "")
     rows = [
         ["debris", "shape", _describe_shape(debris.surface)],
@@ -367,13 +373,13 @@ def _show_problem(plan: Plan) -> Section:
         ["allowed", "approach speed", f"from {float(limits.approach):.3g} m/s"],
         ["allowed", "peak force", f"up to {float(limits.force):.4g} N"],
         ["allowed", "depression", f"up to {1e3 * float(limits.depression):.3g} mm"],
-        ["allowed", "pressure", f"{low} to {high} MPa"],
+        ["allowed", "pressure", f"{pressures} MPa"],
         ["allowed", "distance from edges", f"from {1e3 * float(limits.edge):.3g} mm"],
-        ["allowed", "first touch", f"{float(limits.window[0]):.4g} to {float(limits.window[1]):.4g} s after {since}"],
+        ["allowed", "first touch", f"{window} s after {since}"],
         ["allowed", "clearance", "the ball keeps clear of the rest of the body for "
                                  f"{float(limits.clearance):.3g} s before and after the contact"],
-        ["allowed", "side", f"outward normal within {np.degrees(float(limits.cone)):.3g}° of the chaser, which is "
-                            f"towards ({_join(np.asarray(limits.chaser))}), inertial"],
+        ["allowed", "side", f"outward normal of the face within {np.degrees(float(limits.cone)):.3g}° of the chaser, "
+                            f"which is towards ({_join(np.asarray(limits.chaser))}), inertial"],
         ["wanted", "to be small", " + ".join(wanted)],
         ["wanted", "momentum left", f"{100 * plan.settings.share:g} %, in at most {plan.settings.impacts} "
                                     f"impact{'s' * (plan.settings.impacts != 1)}"],
