@@ -29,7 +29,7 @@ from ddetumble.planning.scenario_file import ErrorTable, read_scenario
 from ddetumble.planning.sequence import Joint, add_up
 from ddetumble.planning.single import compute_impact, compute_slopes, plan_strike
 from ddetumble.planning.uncertainty import find_tail
-from ddetumble.reports.plan import write_plan
+from ddetumble.reports.plan import find_unloaded, write_plan
 
 
 pytestmark = pytest.mark.slow  # one program, compiled first, is in all of them
@@ -148,6 +148,15 @@ def test_a_pressure_and_an_instant_that_are_given(tmp_path):
     with pytest.raises(dd.InputError) as refused:
         read(tmp_path, SCENARIO + '[limits]\npressure = ["2 MPa", "1 MPa"]\n')
     assert refused.value.key == "limits"
+
+
+def test_friction_without_load_is_found():
+    """Of the instants at which the ball hardly presses, whatever it is under load."""
+    course = dc.make_dataclass("Course", ["normal_force", "friction"])
+    load = np.array([0.0, 10.0, 30.0, 10.0, 0.0])
+    friction = np.outer(0.2 * load, [0.6, 0.8, 0.0])
+    assert find_unloaded(course(load, friction)) == 0.0
+    assert find_unloaded(course(load, friction + [[0.0, 0.0, 1.1]])) == pytest.approx(1.1)
 
 
 def test_a_plan_that_fails_says_what_was_doubted(tmp_path, monkeypatch):

@@ -18,6 +18,7 @@ from .._sentences import tell
 from ..contact.effect import parameters_of, read_field
 from ..contact.gripping import Striker
 from ..dynamics.angles import measure_nutation
+from ..dynamics.collision import Course
 from ..dynamics.free_motion import propagate_torque_free
 from ..dynamics.rigid import measure_momentum
 from ..dynamics.surfaces import AbstractSurface, CylinderSurface, OffsetSurface, Polytope
@@ -48,6 +49,7 @@ WORDS = {
     "tail": "The impacts are planned for the mean over the worst share of the draws, and every limit holds for the "
             "mean over its own worst share.",
 }
+UNLOADED = 0.01  # of the peak force, below which a ball hardly presses
 CHEAP = 1e-6  # of the goal, N s or s, below which nothing is gained by a looser limit
 # What the prices of impacts that were optimised together count: words, unit, and that unit's inverse.
 GAINS = {"share": ("the momentum left", "points", 100.0), "impulse": ("the sum of all impulses", "N s", 1.0),
@@ -248,6 +250,12 @@ def write_plan(plan: Plan, folder) -> Path:
             "is struck."))
     farther = [f"Impact {k} is beyond what was measured: {', '.join(map(format_extrapolation, others))}."
                for k, others in enumerate(outside, 1) if others]
+    unloaded = [(effect.id, find_unloaded(one.collision.course)) for one in sequence.impacts
+                for effect in problem.law.friction.pick("friction")]
+    for name, force in sorted((one for one in unloaded if one[1]), key=lambda one: -one[1])[:1]:
+        farther.append(f"Friction does not vanish with the load: where the ball hardly presses, at first touch and at "
+                       f"separation, it is up to {force:.3g} N by {name}. Tests slide under load, so that this is an "
+                       "extrapolation.")
     sections.append(Section("Before, between and after", figures=figures, tables=tables, points=farther))
     if plan.rules:
         sections.append(_show_alternatives(plan))
@@ -261,6 +269,15 @@ def write_plan(plan: Plan, folder) -> Path:
     page = write_page(plan.title or "Planned impacts", sentence, sections, folder, facts=_list_facts(plan))
     write_json(Path(folder) / "plan.json", result)
     return page
+
+
+def find_unloaded(course: Course) -> float:
+    """Largest friction of a contact while its normal force is below `UNLOADED` of the peak [N]; 0 where it is as small
+    beside its own peak, five times over.
+    """
+    load, friction = np.asarray(course.normal_force), np.linalg.norm(np.asarray(course.friction), axis=1)
+    found = float(np.max(friction, initial=0.0, where=load <= UNLOADED * load.max()))
+    return found if found > 5.0 * UNLOADED * friction.max() else 0.0
 
 
 def _list_facts(plan: Plan) -> list[tuple[str, str, str]]:
