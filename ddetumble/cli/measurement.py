@@ -54,8 +54,8 @@ def import_files(
     record_column: Annotated[Text, option(
         "COLUMN", "Column, of the files or of the table of conditions, that says which test a row belongs to.")] = None,
     keep: Annotated[
-        Texts, option("[NAME=]COLUMN", "A further column, or the column of a quantity: of the files, or "
-                                    "where these have none such, of the table of conditions; may be repeated.")] = None,
+        Texts, option("[NAME=]COLUMN", "A further column, or the column of a quantity: of the files, or, where they "
+                                       "lack it, of the table of conditions; may be repeated.")] = None,
     drop: Annotated[Texts, option(
         "COLUMN", "Column, sought as by --keep, that is left out although its heading would be understood; may be "
                   "repeated.")] = None,
