@@ -57,6 +57,11 @@ def test_adequate(tmp_path):
     assert found.records["ratio"].between(0.7, 1.3).all()
     score = found.residuals["mean"] / found.residuals["standard_error"]
     assert np.mean(np.abs(score) < 3) > 0.9
+    # Printed in units that the headings name.
+    printed = str(found).split("By condition:\n")[1].split("\n\n")[0].splitlines()
+    assert printed[0].split("]")[:2] == [" initial pressure [MPa", "  approach speed [m/s"] and "rms [N]" in printed[0]
+    pressures = [float(row.split()[0]) for row in printed[1:]]
+    np.testing.assert_allclose(pressures, 1e-6 * found.conditions["initial_pressure"], rtol=1e-3)
 
 
 @pytest.mark.slow

@@ -117,13 +117,25 @@ class Comparison(AbstractWritten):
         """Whether rows of `conditions` say which condition they are of: tests that start freely have none."""
         return list(self.conditions.columns).index("records") > 0  # which stands behind the conditions
 
+    def _head(self, table: pd.DataFrame) -> pd.DataFrame:
+        """A table with its settings, and errors of channels that share a unit, in units that its headings name."""
+        units, settings = set(self.channels["unit"]), list(self.conditions.columns)
+        headings = {name: f"{name} [{one}]" for one in units - {"1"} if len(units) == 1 and "channel" not in table
+                    for name in ("rms", "bias")}
+        shown = table.copy()
+        for name in settings[: settings.index("records")]:
+            if name in shown:
+                own = describe_quantity(name, shown[name].to_numpy(dtype=float))
+                shown[name], headings[name] = own.scale * shown[name], own.label
+        return shown.rename(columns=headings)
+
     def __str__(self) -> str:
         """The outcome for a terminal."""
         parts = ["\n".join((self.sentence, *(f"- {note}" for note in self.notes)))]
         for title, table in (("By channel", self.channels), ("By condition", self.conditions),
                              ("By record", self.records)):
             if title != "By condition" or self.names_conditions:  # rows without a name say less than those by record
-                parts.append(f"{title}:\n" + table.to_string(index=False, float_format="{:.4g}".format))
+                parts.append(f"{title}:\n" + self._head(table).to_string(index=False, float_format="{:.4g}".format))
         rows = [(f"  {name} = {e.estimate:.6g} +- {e.sd:.2g} {e.unit}" if e.sd > 0 else
                  f"  {name} = {e.estimate:.6g} {e.unit} (at a limit, or not determined)").rstrip()
                 for name, e in self.parameters.items()]
@@ -141,7 +153,9 @@ class Comparison(AbstractWritten):
                          f"{100 * self.noise_nrmse:.2f} % noise{predicted}.")
         if self.sequential is not None:
             parts.append(str(self.sequential))
-        parts.append("\n".join(["Noise:", *(f"  {c}: {n['sd']:.3g}, {n['text']}" for c, n in self.noise.items()),
+        units = dict(zip(self.channels["channel"], self.channels["unit"].replace("1", ""), strict=True))
+        parts.append("\n".join(["Noise:", *(f"  {c}: {n['sd']:.3g} {units.get(c, '')}".rstrip() + f", {n['text']}"
+                                              for c, n in self.noise.items()),
                                 f"The model is judged {UNDER}."]))
         return "\n\n".join(parts)
 
