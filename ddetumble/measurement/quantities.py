@@ -272,7 +272,7 @@ def say_p(value: float) -> str:
 
 def _format_places(value: float, places: int) -> str:
     """A number rounded to decimal places, to tens and hundreds where these are negative; at most nine are shown."""
-    return f"{round(value, places):.{min(max(places, 0), 9)}f}"
+    return f"{round(value, places) + 0.0:.{min(max(places, 0), 9)}f}"  # a zero has no sign
 
 
 def _magnitude(value: float) -> int:
