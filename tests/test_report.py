@@ -350,7 +350,8 @@ def test_budget_shrinks_large_pages(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("value, sd, text", [
-    (86000.0, 1032.0, "86000"), (1.118, 0.00336, "1.1180"), (0.0, 0.1, "0.00"), (1163.0, 9.0, "1163.0"), (-2e-4, 0.02, "0.000"),
+    (86000.0, 1032.0, "86000"), (1.118, 0.00336, "1.1180"), (0.0, 0.1, "0.00"), (1163.0, 9.0, "1163.0"),
+    (-2e-4, 0.02, "0.000"),
     (2.5e8, 1e6, "2.500e+08"), (1.5, math.nan, "1.500"), (math.nan, 1.0, "–"),
 ])  # fmt: skip
 def test_values_have_the_digits_that_count(value, sd, text):
