@@ -34,7 +34,7 @@ from ..selection.discovery import Discovery
 from ..selection.preview import Preview, preview_effects
 from ..selection.result import MissingForce, Place, SettingShift, Step, Trace
 from ..selection.series import have_predictions, list_channels, relies_on_settings
-from ..selection.text import choose_view, list_alternatives, say_places, say_verdict, share_at_step, show_estimate
+from ..selection.text import choose_view, format_explained, list_alternatives, say_places, say_verdict, show_estimate
 from .page import Picture, Section, Table, draw_picture, flatten, pause_collection, write_page
 from .sliders import show_sliders
 
@@ -293,12 +293,10 @@ def _show_ranking(discovery: Discovery) -> Section:
         error = one.standard_error
         difference = "–" if one.heldout_difference == 0 else (
             f"{format_value(one.heldout_difference, error)} ± {format_value(error, error)}")
-        later = share_at_step(discovery.steps, one.effect)
-        gain = format_share(one.explains, 1) + ("" if later is None else
-                                                f"; step {later[0]} {format_share(later[1], 1)}")
-        rows.append((clean(one.effect), gain, format_p(one.p_value), format_small_share(one.visible),
-                     format_error(one.heldout_nrmse), *[format_error(one.prediction_nrmse)] * settled, difference,
-                     ", ".join(sizes) or "–", ", ".join(map(clean, one.indistinguishable_from)) or "–"))
+        rows.append((clean(one.effect), format_explained(one, discovery.steps), format_p(one.p_value),
+                     format_small_share(one.visible), format_error(one.heldout_nrmse),
+                     *[format_error(one.prediction_nrmse)] * settled, difference, ", ".join(sizes) or "–",
+                     ", ".join(map(clean, one.indistinguishable_from)) or "–"))
     header = ("effect", "explains", "p", "visible", "cross-validated", *["prediction"] * settled,
               "behind the best, cross-validated [noise variances]", "smallest detectable", "imitated by")
     free = "initial rates" if find_family(discovery.family).free_running else "settings"

@@ -5,7 +5,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ..inference.archive import FittedModel
 from ..inference.findings import Fit
+from ..measurement.campaign import Campaign
 from ..posterior.result import Posterior
 from ..posterior.target import CampaignTarget
 from .predict import PATH, evaluate_rows, name_conditions
@@ -53,42 +55,48 @@ def trace_coefficients(found: Fit | Posterior) -> Coefficients | None:
     Raises:
         ComputationError: The model could not be integrated.
     """
+    draws = None
     if isinstance(found, Posterior):
         if not isinstance(found.target, CampaignTarget):
             return None
         fit, plan = found.target.fit, found.target.plan
         draws = np.asarray(plan.base) + (found.draw(DRAWS) - np.asarray(plan.centre)) @ np.asarray(plan.directions)
     else:
-        fit, draws = found, None
-    saved, campaign = fit.fitted_model(), fit.source
+        fit = found
+    saved = fit.fitted_model()
     family = saved.space.family
     if family.ratio is None or saved.are_values or saved.sampling is None:
         return None
     name, channel, load = family.ratio
-    curves = []
+    curves = tuple(_trace_record(saved, fit.source, key, draws) for key in _choose_records(fit.source.records[load]))
+    return Coefficients(name, channel, load, family.independent, curves)
+
+
+def _trace_record(saved: FittedModel, campaign: Campaign, key: str, draws: np.ndarray | None) -> CoefficientCurve:
+    """The coefficient of one record, with the band of the covariance, or of `draws` of all coordinates, shape (draws,
+    parameters)."""
+    family = saved.space.family
+    assert family.ratio is not None and saved.sampling is not None
+    _, channel, load = family.ratio
+    stated = {str(name): float(value) for name, value in campaign.records.loc[key].items()}
+    there, values = np.empty(0), np.empty(0)
     last = saved.sampling.largest.get(family.independent, saved.sampling.last)
-    along = np.linspace(0.0, last, PATH)
-    for key in _choose_records(campaign.records[load]):
-        stated = {str(each): float(value) for each, value in campaign.records.loc[key].items()}
-        settings = {each: np.array([stated.get(each, 1.0)]) for each in name_conditions(saved)}
-        mean, shared, *_ = evaluate_rows(saved, (channel,), [along], settings, [key])
-        middle = mean[0, 0, :PATH] / stated[load]
-        if draws is None:
-            columns = shared.reshape(*mean.shape, -1)[0, 0, :PATH]  # derivatives by one standard deviation each
-            half = WIDE * np.sqrt(np.sum(columns**2, axis=-1)) / stated[load]
-            low, high = middle - half, middle + half
-        else:
-            many = {each: np.repeat(value, DRAWS) for each, value in settings.items()}
-            rows, *_ = evaluate_rows(saved, (channel,), [along] * DRAWS, many, [key] * DRAWS, draws)
-            rows = rows[:, 0, :PATH] / stated[load]
-            middle, (low, high) = rows.mean(axis=0), np.quantile(rows, BAND, axis=0)
-        there, values = np.empty(0), np.empty(0)
-        if campaign.independent is not None and campaign.independent.name == family.independent:
-            trace = campaign.trace(key)
-            there = trace[family.independent].to_numpy(dtype=float)
-            values = trace[channel].to_numpy(dtype=float) / stated[load]
-        curves.append(CoefficientCurve(key, stated, along, middle, low, high, there, values))
-    return Coefficients(name, channel, load, family.independent, tuple(curves))
+    if campaign.independent is not None and campaign.independent.name == family.independent:
+        trace = campaign.trace(key)
+        there, values = trace[family.independent].to_numpy(dtype=float), trace[channel].to_numpy(dtype=float)
+        last = float(there[-1])
+    along, count = np.linspace(0.0, last, PATH), 1 if draws is None else len(draws)
+    settings = {name: np.full(count, stated.get(name, 1.0)) for name in name_conditions(saved)}
+    found, shared, *_ = evaluate_rows(saved, (channel,), [along] * count, settings, [key] * count, draws)
+    if draws is None:
+        columns = shared.reshape(*found.shape, -1)[0, 0, :PATH]  # derivatives by one standard deviation each
+        middle, half = found[0, 0, :PATH], WIDE * np.sqrt(np.sum(columns**2, axis=-1))
+        low, high = middle - half, middle + half
+    else:
+        rows = found[:, 0, :PATH]
+        middle, (low, high) = rows.mean(axis=0), np.quantile(rows, BAND, axis=0)
+    push = stated[load]
+    return CoefficientCurve(key, stated, along, middle / push, low / push, high / push, there, values / push)
 
 
 def _choose_records(loads) -> list[str]:

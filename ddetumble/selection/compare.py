@@ -117,7 +117,7 @@ class Comparison(AbstractWritten):
         """Whether rows of `conditions` say which condition they are of: tests that start freely have none."""
         return list(self.conditions.columns).index("records") > 0  # which stands behind the conditions
 
-    def _head(self, table: pd.DataFrame) -> pd.DataFrame:
+    def _name_units(self, table: pd.DataFrame) -> pd.DataFrame:
         """A table with its settings, and errors of channels that share a unit, in units that its headings name."""
         units, settings = set(self.channels["unit"]), list(self.conditions.columns)
         headings = {name: f"{name} [{one}]" for one in units - {"1"} if len(units) == 1 and "channel" not in table
@@ -135,7 +135,8 @@ class Comparison(AbstractWritten):
         for title, table in (("By channel", self.channels), ("By condition", self.conditions),
                              ("By record", self.records)):
             if title != "By condition" or self.names_conditions:  # rows without a name say less than those by record
-                parts.append(f"{title}:\n" + self._head(table).to_string(index=False, float_format="{:.4g}".format))
+                shown = self._name_units(table)
+                parts.append(f"{title}:\n" + shown.to_string(index=False, float_format="{:.4g}".format))
         rows = [(f"  {name} = {e.estimate:.6g} +- {e.sd:.2g} {e.unit}" if e.sd > 0 else
                  f"  {name} = {e.estimate:.6g} {e.unit} (at a limit, or not determined)").rstrip()
                 for name, e in self.parameters.items()]

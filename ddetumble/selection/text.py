@@ -33,7 +33,7 @@ def say_verdict(verdict: str) -> str:
     return q.VERDICTS.get(verdict, q.clean(verdict))
 
 
-def share_at_step(steps: Sequence[Step], effect: str) -> tuple[int, float] | None:
+def _share_at_step(steps: Sequence[Step], effect: str) -> tuple[int, float] | None:
     """Step after the first at which an effect came in, and the share of the first misfit that this step removed."""
     for number, (before, step) in enumerate(zip(steps, steps[1:], strict=False), 1):
         if number > 1 and effect in step.effects and effect not in before.effects:
@@ -41,6 +41,13 @@ def share_at_step(steps: Sequence[Step], effect: str) -> tuple[int, float] | Non
             gain = before.chi2_reduced - step.chi2_reduced
             return number, max(gain / first, 0.0) if first > 0 else math.nan
     return None
+
+
+def format_explained(candidate: Candidate, steps: Sequence[Step]) -> str:
+    """Share of the misfit that an effect explains at the first step, and at a later one where it came in there."""
+    later = _share_at_step(steps, candidate.effect)
+    alone = q.format_share(candidate.explains, 1)
+    return alone if later is None else f"{alone}; step {later[0]}: {q.format_share(later[1], 1)}"
 
 
 def describe_place(place: Place, view: View) -> dict[str, Any]:
@@ -153,14 +160,11 @@ def format_candidates(candidates: Sequence[Candidate], steps: Sequence[Step], ef
         shown = list(candidates)
     rows, settled = [], have_predictions(candidates)
     for one in shown:
-        later = share_at_step(steps, one.effect)  # what came in later has explained a share of its own step
-        gain = ((q.format_share(one.explains, 1), q.format_p(one.p_value)) if later is None
-                else (f"{q.format_share(later[1], 1)} at step {later[0]}", ""))
-        rows.append((("* " if one.effect in effects else "  ") + q.clean(one.effect, 32), *gain,
-                     q.format_small_share(one.visible), q.format_error(one.heldout_nrmse),
-                     *[q.format_error(one.prediction_nrmse)] * settled,
+        rows.append((("* " if one.effect in effects else "  ") + q.clean(one.effect, 32),
+                     format_explained(one, steps), q.format_p(one.p_value), q.format_small_share(one.visible),
+                     q.format_error(one.heldout_nrmse), *[q.format_error(one.prediction_nrmse)] * settled,
                      q.clean(", ".join(one.indistinguishable_from), 120)))
-    lines = [align(("  candidate", "explains", "p", "visible", "cross-val.", *["predicted"] * settled, "similar to"),
+    lines = [align(("  candidate", "explains", "p", "visible", "cross-val.", *["predicted"] * settled, "imitated by"),
                    rows, "l" + "r" * (4 + settled) + "l")]
     rest = [one for one in candidates if one not in shown]
     if rest:
