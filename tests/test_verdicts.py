@@ -3,6 +3,7 @@
 import dataclasses as dc
 import json
 import math
+from html import escape
 from types import SimpleNamespace
 
 import numpy as np
@@ -60,6 +61,10 @@ def test_evidence_within_one_condition(tmp_path):
     found = dd.discover(write(tmp_path / "six", {"sensor-lag": {"T": 6e-4}}, 5, [0.6e6], [0.6], 6))
     assert found.verdict == "explained" and found.effects == ("sensor-lag",)
     assert found.counts["conditions"] == 1 and all(map(math.isnan, list_held_out(found)))
+    # The page says where the law of what it names comes from, and of that alone.
+    page = dd.report(found, tmp_path / "found").read_text(encoding="utf-8")
+    sources = {one.id: escape(one.reference) for one in found.best.problem.space.effects}
+    assert [name for name, source in sources.items() if source in page] == list(found.effects)
 
 
 @pytest.mark.slow

@@ -116,6 +116,8 @@ def _arrange_sections(discovery: Discovery, preview: Future[Preview | None] | No
             sections.append(Section("Where the model fails", points=say_places(discovery.where, view)))
     if discovery.missing is not None:
         sections += show_missing(discovery.missing)
+    if discovery.made[0] and (laws := _list_laws(discovery)):
+        sections.append(Section("Laws of the effects named", tables=[Table(("effect", "law", "source"), laws)]))
     if discovery.candidates:
         sections.append(_show_ranking(discovery))
     place = len(sections)  # of the sliders
@@ -134,6 +136,15 @@ def _arrange_sections(discovery: Discovery, preview: Future[Preview | None] | No
     if moved is not None:
         sections.insert(place, show_sliders(moved))
     return sections
+
+
+def _list_laws(discovery: Discovery) -> list[tuple[str, str, str]]:
+    """Id, law and source of every effect of the model, of those that could not be told from them, and of those between
+    which the verdict leaves open."""
+    named = [*discovery.effects, *(row[0] for step in discovery.steps for row in list_alternatives(step.alternatives)),
+             *(effect for one in discovery.explanations for effect in one.effects)]
+    laws = {effect.id: (effect.law, effect.reference) for effect in discovery.best.problem.space.effects}
+    return [(clean(name), *(clean(text, 300) for text in laws[name])) for name in dict.fromkeys(named) if name in laws]
 
 
 def show_errors(labels: Sequence[tuple], steps: Sequence[Step | Comparison], floors: Sequence[float],
