@@ -26,7 +26,7 @@ from ..measurement.columns import guess_condition, list_headings, names_gauge
 from ..measurement.kinds import RecordKind
 from ..measurement.layout import split_heading
 from ..measurement.tables import Table, convert_column, read_table
-from ..measurement.units import check_unit, format_time, parse_unit, si_unit
+from ..measurement.units import check_unit, format_time, parse_unit, si_unit, strip_gauge
 from ..posterior.stacking import FILE as WEIGHTS
 from ..posterior.stacking import ModelWeights, read_weights
 from .result import OPEN
@@ -115,7 +115,8 @@ def read_request(conditions: str | Path | pd.DataFrame, saved: FittedModel, gaug
                              + ", which the model needs; the file has " + ", ".join(table.columns), file=table.file)
         if name == kind.pressure and names_gauge(split_heading(headings[name][0])[0]) and not gauge:
             raise InputError("this is a gauge pressure; give --gauge", file=table.file, column=headings[name][0])
-        values[name] = own = _convert(table, headings[name], name, unit) + added * (name == kind.pressure)
+        plain = bool(gauge) and name == kind.pressure  # the unit of a gauge pressure says so once more, then
+        values[name] = own = _convert(table, headings[name], name, unit, plain) + added * (name == kind.pressure)
         remedy = "; pressures are absolute" if name == "initial_pressure" else ""
         if name in POSITIVE:
             refuse_rows(own <= 0, table, headings[name][0], lambda row: f"{own[row]:g} must be positive{remedy}")  # noqa: B023
@@ -194,9 +195,11 @@ def _name_columns(table: Table, known: tuple[str, ...], kind: RecordKind) -> dic
     return found
 
 
-def _convert(table: Table, named: tuple[str, str | None], name: str, wanted: str) -> np.ndarray:
-    """Numbers of a column in SI."""
+def _convert(table: Table, named: tuple[str, str | None], name: str, wanted: str, plain: bool) -> np.ndarray:
+    """Numbers of a column in SI; `plain` where a gauge's unit, as barg, is to be read as the plain one."""
     heading, text = named
+    if plain and text is not None:
+        text = strip_gauge(text) or text
     numbers = convert_column(table, heading)
     if text is None:
         return numbers
@@ -207,7 +210,7 @@ def _convert(table: Table, named: tuple[str, str | None], name: str, wanted: str
     except InputError as error:
         problem = error.problem
         if "gauge" in problem:
-            problem = f"{text!r} is a gauge pressure; write the plain unit (bar, psi), and give --gauge"
+            problem = f"{text!r} is a gauge pressure; give --gauge"
         raise InputError(problem, file=table.file, column=heading) from None
     return np.asarray(unit.convert(numbers), dtype=float)
 
