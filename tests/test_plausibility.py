@@ -4,10 +4,12 @@ import dataclasses as dc
 import json
 import math
 
+import numpy as np
+import pandas as pd
 import pytest
 
 import ddetumble as dd
-from ddetumble.measurement.plausibility import check_numbers
+from ddetumble.measurement.plausibility import check_numbers, find_copies
 from ddetumble.planning.plausibility import check_scenario
 from ddetumble.planning.scenario_file import read_scenario
 
@@ -31,7 +33,29 @@ def scale(campaign, column, factor, stated=""):
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.name)
 def test_shipped_campaigns_are_plausible(path):
-    assert not dd.check_plausibility(dd.read_campaign(path))
+    campaign = dd.read_campaign(path)
+    assert not dd.check_plausibility(campaign) and not find_copies(campaign)
+
+
+@pytest.mark.parametrize("name", ["impact-b", "slip-a", "tumble-a", "oblique-a"])
+def test_a_record_under_two_names(name):
+    """A copy is found by its readings, whatever its condition; one with a reading less is none."""
+    campaign = dd.read_campaign(dd.find_data() / name)
+    first, *_, last = campaign.record_keys
+    kept = campaign.samples[campaign.samples["record"] != last]
+    copy = campaign.trace(first).assign(record=last)
+    assert find_copies(dc.replace(campaign, samples=pd.concat([kept, copy[kept.columns]]))) == {last: first}
+    copy.loc[len(copy) // 2, list(campaign.channels)] = np.nan
+    assert find_copies(dc.replace(campaign, samples=pd.concat([kept, copy[kept.columns]]))) == {}
+
+
+def test_gauges_that_read_a_few_steps_only_may_repeat_themselves():
+    campaign = dd.read_campaign(dd.find_data() / "impact-b")
+    (channel,) = campaign.channels
+    coarse = campaign.samples.assign(**{channel: (campaign.samples[channel] > 1.0).astype(float)})
+    first, *_, last = campaign.record_keys
+    copy = coarse[coarse["record"] == first].assign(record=last)
+    assert find_copies(dc.replace(campaign, samples=pd.concat([coarse[coarse["record"] != last], copy]))) == {}
 
 
 @pytest.mark.parametrize(("name", "column", "actual", "stated", "factor"), [

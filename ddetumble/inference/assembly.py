@@ -17,7 +17,7 @@ from ..contact.law import PowerLaw
 from ..contact.sliding import AbstractRubberFriction, RubberFriction
 from ..families import find_family, name_family
 from ..measurement.campaign import Campaign
-from ..measurement.plausibility import check_plausibility
+from ..measurement.plausibility import check_plausibility, say_copies
 from ..measurement.units import ROLES
 from .parameters import ParameterSpace
 from .stack import list_commons
@@ -81,7 +81,7 @@ def require_samples(campaign: Campaign) -> None:
 
 def _list_warnings(campaign: Campaign, space: ParameterSpace, reference: AbstractModel) -> list[str]:
     """Sentences on what is known and of no use, on what is assumed, and on records outside the range of the model."""
-    found = [str(one) for one in check_plausibility(campaign)]
+    found = [*map(str, check_plausibility(campaign)), *say_copies(campaign)]
     models = (built.make() for built in find_family(campaign.family).models.values())
     names = {*ROLES, *space.index, *(p.name for model in models for p in parameters_of(model))}
     unknown = [name for name in campaign.known if name not in names]

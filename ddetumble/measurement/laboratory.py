@@ -32,7 +32,7 @@ from .conditions import open_conditions, read_conditions, read_names
 from .faults import find_truncated
 from .kinds import DEFAULT_KIND, RecordKind, find_kind, take_kind
 from .layout import RawFile, split_heading
-from .plausibility import check_plausibility
+from .plausibility import check_plausibility, say_copies
 from .quantities import join_words
 from .recordings import ENDINGS, add_clock, is_bag, probe_files, read_files, split_sheet
 from .tables import convert_column, read_texts, read_toml
@@ -236,7 +236,7 @@ def import_tests(
     texts = {expand_role(name, kind): text for name, text in read_pairs("describe", describe).items()}
     campaign = replace(_assemble(tests, plan, stated, noise, common, texts), known=parameters,
                        title=title or f"Imported {kind.name} tests")
-    doubts = map(str, (*find_truncated(campaign), *check_plausibility(campaign)))
+    doubts = (*map(str, (*find_truncated(campaign), *check_plausibility(campaign))), *say_copies(campaign))
     return replace(campaign, notes=(*_condense(plan.notes, [Path(file).name for file in files.values()]), *doubts))
 
 

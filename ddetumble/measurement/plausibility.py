@@ -29,6 +29,8 @@ RANGES: Ranges = {
     "path over speed and time": (0.5, 2.0), "temperature": (150.0, 500.0),
 }  # fmt: skip
 FAR = 3.0  # times beyond its range, from which on the size of a single record is asked about
+ENOUGH = 10  # different readings of a record, from which on another does not repeat them by chance
+NAMED = 5  # copies that a sentence names
 # What that ratio has to be once a mistaken unit is corrected. Its spread (a standard deviation of about 14 %) does not
 # tell factors of 6.9 (psi as kPa) and 10 (MPa as bar) from each other for sure: both may agree.
 CORRECTED = (0.6, 1.7)
@@ -97,6 +99,37 @@ def check_plausibility(campaign: Campaign) -> tuple[Implausibility, ...]:
     ranges = {**RANGES, **find_kind(campaign.family).ranges}
     known = check_numbers({name: value for name, value in campaign.known.items() if value is not None})
     return (*known, *_check_sizes(campaign, ranges))
+
+
+def find_copies(campaign: Campaign) -> dict[str, str]:
+    """Records whose readings are those of an earlier record, sample by sample, and that record.
+
+    Noise does not repeat itself: a file was read twice, or saved under two names. Records with fewer than `ENOUGH`
+    different readings are not judged, as a coarse gauge may repeat these.
+    """
+    found: dict[str, str] = {}
+    if campaign.samples is None:
+        return found
+    seen: dict[bytes, str] = {}
+    names = list(campaign.channels)
+    for key, own in campaign.samples.groupby("record", sort=False):
+        values = own[names].to_numpy(dtype=float)
+        if max(len(np.unique(column[np.isfinite(column)])) for column in values.T) < ENOUGH:
+            continue
+        first = seen.setdefault(values.tobytes(), str(key))
+        if first != str(key):
+            found[str(key)] = first
+    return found
+
+
+def say_copies(campaign: Campaign) -> list[str]:
+    """A sentence on records that repeat the readings of others; none where there are none."""
+    pairs = [f"{key} those of {first}" for key, first in find_copies(campaign).items()]
+    if not pairs:
+        return []
+    told = ", ".join(pairs[:NAMED]) + f" and {len(pairs) - NAMED} more" * (len(pairs) > NAMED)
+    return [f"Records repeat the readings of others, sample by sample ({told}): copies count as measurements of their "
+            "own and make errors look smaller than they are. Leave them out."]
 
 
 def check_numbers(values: Mapping[str, float]) -> tuple[Implausibility, ...]:
