@@ -10,9 +10,10 @@ from helpers_statistics import TIME, assert_rate, fit_toy, make_selection, white
 from scipy import stats
 
 from ddetumble import InputError
+from ddetumble.inference import smooth
 from ddetumble.inference.problem import mask_records
 from ddetumble.measurement.faults import Fault
-from ddetumble.selection import lack_of_fit, leave_record_out, outliers
+from ddetumble.selection import leave_record_out, outliers
 from ddetumble.selection.leave_record_out import Misfit, judge, measure_record, set_aside
 from ddetumble.selection.outliers import find_culprit, find_suspects, is_enclosed, tell_fault
 from ddetumble.selection.settings import OutlierSettings, SelectionSettings
@@ -144,12 +145,12 @@ def test_columns_become_orthonormal():
     generator = np.random.default_rng(0)
     columns = generator.standard_normal((30, 5)) * np.array([1.0, 1e-7, 1e5, 0.0, 1.0])
     columns[:, 4] = columns[:, 0] + 1e-5 * columns[:, 2]
-    turn = lack_of_fit.orthonormalise(columns.T @ columns)
+    turn = smooth.orthonormalise(columns.T @ columns)
     q = columns @ turn
     assert turn.shape == (5, 3) and q.T @ q == pytest.approx(np.eye(3), abs=1e-9)
     for column in columns.T:
         assert q @ (q.T @ column) == pytest.approx(column, abs=1e-6 * max(np.linalg.norm(column), 1e-12))
-    assert lack_of_fit.orthonormalise(np.zeros((2, 2))).shape == (2, 0)
+    assert smooth.orthonormalise(np.zeros((2, 2))).shape == (2, 0)
 
 
 def test_whitened_columns_are_rows_of_the_residual():

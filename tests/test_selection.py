@@ -25,6 +25,7 @@ from ddetumble.contact.effect import parameter
 from ddetumble.contact.law import Ball
 from ddetumble.effects import SensorLag, SensorResonance
 from ddetumble.inference.parameters import ParameterSpace
+from ddetumble.inference.smooth import smooth_bases
 from ddetumble.inference.stack import Records
 from ddetumble.selection import forward_selection
 from ddetumble.selection.cross_validation import compare_losses, forecast
@@ -43,7 +44,7 @@ from ddetumble.selection.forward_selection import (
     select_effects,
     try_effects,
 )
-from ddetumble.selection.lack_of_fit import Score, hold_settings, is_moved, judge_fit, measure_shifts, smooth_bases
+from ddetumble.selection.lack_of_fit import Score, hold_settings, is_moved, judge_fit, measure_shifts
 from ddetumble.selection.settings import SelectionSettings
 
 

@@ -10,12 +10,13 @@ from scipy.interpolate import BSpline
 from scipy.linalg import block_diag
 
 from ddetumble._errors import ComputationError
-from ddetumble.inference import distributions
+from ddetumble.inference import distributions, smooth
 from ddetumble.inference.goodness import combine_p_values, judge_goodness, judge_values, weigh_shifts
 from ddetumble.inference.identifiability import measure_values, weigh_priors
 from ddetumble.inference.noise import Noise
 from ddetumble.inference.problem import Solution
-from ddetumble.selection import cross_validation, lack_of_fit
+from ddetumble.inference.smooth import measure_smooth
+from ddetumble.selection import cross_validation
 from ddetumble.selection.cross_validation import (
     compare_losses,
     leave_out,
@@ -28,7 +29,6 @@ from ddetumble.selection.lack_of_fit import (
     correct_for_many,
     family_p_value,
     judge_fit,
-    measure_smooth,
     score_directions,
 )
 from ddetumble.selection.problem import Fitted
@@ -603,8 +603,8 @@ def test_triangular_factor_of_many_rows(monkeypatch):
     left, right = sparse.csr_matrix(generator.standard_normal((57, 3))), generator.standard_normal((57, 2))
     whole = np.concatenate([left.toarray(), right], axis=1)
     for rows in (1, 13, 57, 100):
-        monkeypatch.setattr(lack_of_fit, "ROWS", rows)
-        factor = lack_of_fit._triangulate(left, right)
+        monkeypatch.setattr(smooth, "ROWS", rows)
+        factor = smooth._triangulate(left, right)
         assert factor.shape == (5, 5) and factor.T @ factor == pytest.approx(whole.T @ whole, rel=1e-12)
 
 

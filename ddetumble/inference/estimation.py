@@ -197,6 +197,7 @@ def _fit(campaign: Campaign, wanted: Specification, resolved: ResolvedModel, set
         measured = measure_noise(campaign, problem.records, best.solution, before=measured)
     if wanted.noise == "stated":
         measured = {c: dc.replace(n, sd=n.stated_sd or n.sd, correlation=0.0, white_share=0.0, hum=(),
+                                  log_level_sd=n.log_level_sd if problem.records.are_values else 0.0,
                                   text="white, as stated") for c, n in measured.items()}
     elif not noise and differs_from_stated(measured):
         problem = pose(measured)

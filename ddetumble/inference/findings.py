@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import jax
@@ -35,6 +36,7 @@ from .identifiability import (
 from .noise import Noise
 from .parameters import ParameterSpace
 from .problem import AbstractProblem, Problem, Solution
+from .record_scatter import tell_scatter, widen_by_scatter
 from .systematics import Systematic, measure_systematics, tell_systematics
 
 
@@ -99,6 +101,8 @@ class Fit(AbstractFitted, AbstractPrinted):
         bends: of each parameter how many times as much as its interval says chi-square has risen at an end of that, the
             others moved along as a straight line has it; 1 where the interval is what it says.
         profiles: parameters whose 95 % intervals are by profile likelihood; see `profiled`.
+        widened: how many times as large as the noise as taken makes them standard deviations are, by parameter, where
+            they are those of the scatter of records (see `ddetumble.inference.record_scatter`); empty elsewhere.
         systematics: what an error that all records share, and nobody stated, would do to the estimates.
         settings: command, specification, seed.
         source, problem, bounded, space, solution: for those who go on computing.
@@ -137,6 +141,7 @@ class Fit(AbstractFitted, AbstractPrinted):
     bends: Mapping[str, float] = dc.field(default_factory=dict)
     profiles: tuple[str, ...] = ()
     systematics: tuple[Systematic, ...] = ()
+    widened: Mapping[str, float] = dc.field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"<Fit of {self.model_text} to {self.campaign}: chi2/degrees {self.chi2_reduced:.3g}>"
@@ -184,17 +189,17 @@ class Fit(AbstractFitted, AbstractPrinted):
         r"""Interval of a parameter by profile likelihood, in its public unit.
 
         It ends where $\chi^2$, all other parameters and the nuisances refitted, has risen by the quantile of
-        $\chi^2_1$: 3.84 at 95 %. Where it does not, as far as values are of interest, the interval ends at the limits
-        of the parameter.
+        $\chi^2_1$: 3.84 at 95 %, times the square of `widened`. Where it does not, as far as values are of interest,
+        the interval ends at the limits of the parameter.
 
         Raises:
             InputError: It is no fitted parameter, or the level is not between 0 and 1.
         """
         self.interval(name, level)  # refuses what is no use
         problem, others = self.problem, [other for other in self.parameters if other != name]
-        k, rise = self.space.index[name], math.sqrt(stats.chi2.ppf(level, 1))
+        k, rise = self.space.index[name], math.sqrt(stats.chi2.ppf(level, 1)) * self.widened.get(name, 1.0)
         vast, ends = limit_knowledge(self.space, name), []
-        sd = min(self.gaussians[name][1], vast)
+        sd = min(self.gaussians[name][1], vast) / self.widened.get(name, 1.0)
 
         def refit(u: float, near: Solution) -> tuple[float, Solution]:
             start = near.u.copy()
@@ -337,6 +342,8 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
     """
     space, solution = problem.space, found.solution
     known = analyse_with_refits(problem, solution)
+    widened = widen_by_scatter(problem, solution, noise)
+    known = known.widen(widened, solution.names)
     told, remedies = describe_knowledge(problem, solution, known, campaign)
     parameters, covariance, correlations, gaussians = estimate_parameters(problem, found, known, start)
     counted = int(np.sum(np.asarray(problem.records.stack.weights)[: problem.records.count] > 0))
@@ -344,6 +351,8 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
     notes = [*warnings, *(f"{n} was stopped at its {p.at_bound} bound: its own uncertainty is one-sided, and those of "
                           "the others assume it held there." for n, p in parameters.items() if p.at_bound),
              *(f"{n} is {p.text}." for n, p in parameters.items() if p.text and not p.at_bound)]
+    if widened:
+        notes.append(tell_scatter(widened))
     if not nuisances:
         notes.append("The conditions and time origins were taken as exact.")
     stopped, fixed, scales = [], {}, space.scales()
@@ -373,8 +382,8 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
         derive_quantities(space, solution.u, gaussians, covariance), covariance, correlations, solution.chi2, degrees,
         goodness.chi2_reduced, goodness, problem.records.count, counted, dict(noise), converged, steps, state, shifts,
         told, remedies, tuple(notes), dict(settings), campaign, problem, found, gaussians,
-        measure_bends(problem, found, known.covariance, gaussians),
-        systematics=measure_systematics(problem, solution, known.covariance, campaign))
+        measure_bends(problem, found, known.covariance, gaussians, widened),
+        systematics=measure_systematics(problem, solution, known.covariance, campaign), widened=widened)
 
 
 def judge_solution(problem: Problem, solution: Solution, degrees: float, noise: Mapping[str, Noise],
@@ -392,7 +401,8 @@ def judge_solution(problem: Problem, solution: Solution, degrees: float, noise: 
 
 
 def measure_bends(problem: Problem, found: Bounded, covariance: np.ndarray,
-                  gaussians: Mapping[str, tuple[float, float, float, float]]) -> dict[str, float]:
+                  gaussians: Mapping[str, tuple[float, float, float, float]],
+                  widened: Mapping[str, float] = MappingProxyType({})) -> dict[str, float]:
     """Rise of chi-square at either end of every parameter's 95 % interval over what a straight line expects, the larger
     of both; 1 of a linear model.
 
@@ -403,6 +413,7 @@ def measure_bends(problem: Problem, found: Bounded, covariance: np.ndarray,
     Args:
         covariance: of the solution's parameters, shape (free, free).
         gaussians: of their coordinates, as in `Fit`.
+        widened: by how much their standard deviations are larger than those of the noise, by name.
     """
     solution, reach, bends = found.solution, math.sqrt(stats.chi2.ppf(0.95, 1)), {}
     places = [problem.space.index[name] for name in solution.names]
@@ -422,7 +433,7 @@ def measure_bends(problem: Problem, found: Bounded, covariance: np.ndarray,
             with np.errstate(over="ignore"):
                 there = problem.solve(solution.names, u, z, moving=False)
             if not there.failed and math.isfinite(there.chi2):
-                rises.append((there.chi2 - solution.chi2) / reach**2)
+                rises.append((there.chi2 - solution.chi2) / (reach * widened.get(name, 1.0)) ** 2)
         if rises:
             bends[name] = max(rises)
     return bends

@@ -81,6 +81,13 @@ class Knowledge:
     blends: tuple[Blend, ...]  # combinations that the data hardly fix, worst first
 
 
+    def widen(self, factors: Mapping[str, float], names: Sequence[str]) -> "Knowledge":
+        """The same with the standard deviations of the parameters that are named in `factors` so many times as large;
+        `names` of all, in the order of the covariance."""
+        scale = np.array([factors.get(name, 1.0) for name in names])
+        return dc.replace(self, covariance=self.covariance * np.outer(scale, scale))
+
+
 def analyse_fit(space: AbstractSpace, solution: Solution) -> Knowledge:
     """Find what the Jacobian of a fit determines."""
     return analyse_jacobian(solution.names, solution.flattened()[0], solution.scales,

@@ -144,7 +144,8 @@ def _list_laws(discovery: Discovery) -> list[tuple[str, str, str]]:
     named = [*discovery.effects, *(row[0] for step in discovery.steps for row in list_alternatives(step.alternatives)),
              *(effect for one in discovery.explanations for effect in one.effects)]
     laws = {effect.id: (effect.law, effect.reference) for effect in discovery.best.problem.space.effects}
-    return [(clean(name), *(clean(text, 300) for text in laws[name])) for name in dict.fromkeys(named) if name in laws]
+    return [(clean(name), clean(laws[name][0], 300), clean(laws[name][1], 300))
+            for name in dict.fromkeys(named) if name in laws]
 
 
 def show_errors(labels: Sequence[tuple], steps: Sequence[Step | Comparison], floors: Sequence[float],

@@ -9,13 +9,15 @@ from .._numerics import map_threads
 from ..inference import distributions as stats
 from ..inference.bounded import Bounded
 from ..inference.findings import Fit, estimate_parameters, summarise_fit
+from ..inference.goodness import doubt_level
 from ..inference.identifiability import analyse_fit, analyse_with_refits, limit_knowledge, list_unproven
 from ..inference.noise import Noise
 from ..inference.problem import Solution
+from ..inference.record_scatter import widen_by_scatter
 from .cross_validation import compare_losses
 from .detectability import LEAST, detectable_length, find_size
 from .forward_selection import CandidateFits, FittedStep, fit_with_shapes, list_unphysical
-from .lack_of_fit import Score, correct_for_many, doubt_level, hold_settings, is_moved, measure_shifts
+from .lack_of_fit import Score, correct_for_many, hold_settings, is_moved, measure_shifts
 from .problem import Fitted, SelectionProblem
 from .result import Candidate, Estimate, SettingSpread, Step
 from .series import make_traces, measure_ratio, nrmse
@@ -42,6 +44,8 @@ def public_estimates(selection: SelectionProblem, solution: Solution, owner: str
     space, whole, found = selection.space, Bounded(solution, solution.names, {}, {}), {}
     # Refits only for the model, not for every candidate beside it: an effect's own parameters need none.
     known = analyse_with_refits(selection.problem, solution) if owner is None else analyse_fit(space, solution)
+    if owner is None:
+        known = known.widen(widen_by_scatter(selection.problem, solution, selection.noise), solution.names)
     for name, one in estimate_parameters(selection.problem, whole, known, selection.guess)[0].items():
         slot = space.slots[space.index[name]]
         if owner not in (None, slot.owner):

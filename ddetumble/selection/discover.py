@@ -20,6 +20,7 @@ from ..families import find_family, name_family, open_campaign
 from ..inference.archive import Model, resolve_model
 from ..inference.models import ResolvedModel
 from ..inference.noise import Noise
+from ..inference.record_scatter import tell_scatter, widen_by_scatter
 from ..inference.systematics import measure_systematics, tell_systematics
 from ..measurement.campaign import Campaign, count_conditions
 from ..measurement.plausibility import check_plausibility
@@ -159,8 +160,10 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     found = dc.replace(found, reason=name_reason(found, bool(questions)))
     notes = list_notes(found, family, left_out, asked.name, end.missing if isinstance(end.missing, str) else "",
                        list_exact(campaign) if rejected else [], list_loose(selection, last.fitted.solution))
+    at = last.fitted.solution
+    if widened := widen_by_scatter(selection.problem, at, selection.noise):
+        notes.append(tell_scatter(widened))
     if verdict not in OPEN and shared is None:
-        at = last.fitted.solution
         hidden = tell_systematics(measure_systematics(selection.problem, at, at.covariance(), campaign))
         notes += [hidden] if hidden else []
     return dc.replace(found, sentence=tell_discovery(found, family, left_out, bool(questions), asked.name),

@@ -15,11 +15,12 @@ from .._numerics import map_threads
 from ..contact.effect import Parameter
 from ..inference import distributions as stats
 from ..inference.assembly import default_starts
+from ..inference.goodness import doubt_level
 from ..inference.noise_estimation import changed, has_more_hum, measure_noise
 from ..inference.problem import Solution
 from ..inference.variance_components import find_slow_noise
 from .cross_validation import compare_losses
-from .lack_of_fit import Score, doubt_level
+from .lack_of_fit import Score
 from .localise import find_line
 from .problem import Fitted, SelectionProblem
 from .result import LackOfFit

@@ -7,9 +7,10 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from ..inference import distributions as stats
+from ..inference.goodness import doubt_level
 from ..inference.problem import Problem, Solution, mask_records, settle
 from ..inference.progressive_horizon import is_lost, solve_progressively
-from .lack_of_fit import TOLD, doubt_level, judge_smooth, orthonormalise
+from ..inference.smooth import TOLD, judge_smooth, orthonormalise
 from .problem import SelectionProblem
 
 

@@ -12,12 +12,14 @@ from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect, AbstractModel, is_scored, parameters_of
 from ..families import Family, find_family, name_family
 from ..inference.assembly import assemble_space, default_starts, guess_start
+from ..inference.goodness import doubt_level
 from ..inference.identifiability import assume_typical, describe_assumed, measure_values
 from ..inference.noise import Noise
 from ..inference.noise_estimation import differs_from_stated, has_more_hum, measure_noise
 from ..inference.parameters import ParameterSpace
 from ..inference.problem import Problem, Solution
 from ..inference.progressive_horizon import is_lost, solve_progressively
+from ..inference.smooth import measure_smooth, smooth_bases
 from ..inference.stack import Records, stack_records, widen_settings
 from ..inference.variance_components import estimate_spread, follow_conditions
 from ..measurement.campaign import Campaign, can_leave_out, group_conditions
@@ -25,13 +27,10 @@ from .cross_validation import forecast, leave_out, predict_left_out
 from .lack_of_fit import (
     Score,
     bootstrap_p_value,
-    doubt_level,
     family_p_value,
     judge_fit,
     measure_repeats,
-    measure_smooth,
     score_directions,
-    smooth_bases,
 )
 from .result import LackOfFit
 from .series import split_error

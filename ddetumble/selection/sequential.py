@@ -7,9 +7,10 @@ import numpy as np
 from scipy import sparse, special
 
 from ..inference import distributions as stats
+from ..inference.goodness import doubt_level
 from ..inference.noise import Noise
 from ..inference.problem import Problem, Solution
-from .lack_of_fit import doubt_level, orthonormalise
+from ..inference.smooth import orthonormalise
 
 
 POWERS = np.linspace(0.05, 0.95, 19)  # of the p-values: small ones bet on strong misfits, large ones on faint ones
