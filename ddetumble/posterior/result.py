@@ -251,7 +251,7 @@ def summarise_posterior(target: AbstractTarget, sampler: str, settings: Mapping[
     state = (f"converged after {convergence.steps} steps" if convergence.enough else
              f"not converged after {convergence.steps} steps: {convergence.lacking}; the same command with more steps "
              "continues from here")
-    parameters, notes = {}, [*target.notes]
+    parameters, notes = {}, [*target.caveats, *target.notes]
     failures, evaluations = statistics.get("failures", 0), max(statistics.get("evaluations", 1), 1)
     if failures > FAILING * evaluations:
         notes.append(f"the model could not be computed at {failures} of the {evaluations} points tried; their "

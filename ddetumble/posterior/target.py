@@ -38,6 +38,7 @@ from ..inference.parameters import ParameterSpace
 from ..inference.problem import FAILED, Problem, Solution, evaluate, simulate_records
 from ..inference.stack import Records, Stack, trim_records
 from ..measurement.campaign import group_conditions, name_conditions
+from ..measurement.quantities import format_number
 
 
 POINTS = 16  # of the importance sampling of a record's nuisances: the proposal is close, and cost grows with them
@@ -141,7 +142,8 @@ class AbstractTarget(ABC):
     groups: np.ndarray  # number of the condition of every part, shape (parts,)
     conditions: Sequence[Mapping[str, float]]  # mean settings of every condition, SI
     identity: Mapping[str, Any]  # what makes this target, for those who go on with a chain: plain data
-    notes: tuple[str, ...] = ()  # sentences
+    notes: tuple[str, ...] = ()  # sentences on how it is computed
+    caveats: tuple[str, ...] = ()  # and on what it leaves out, however it is
     costly: bool = False  # whether each point costs as much as those of a sampled integral
 
     @abstractmethod
@@ -338,13 +340,17 @@ def pose_fit(fit: Fit) -> CampaignTarget:
                 "noise": {k: dc.asdict(v.without_sizes()) for k, v in fit.noise.items()},
                 "specification": fit.settings.get("sha256")}
     groups = group_conditions(fit.source.records)
+    most = format_number(max(fit.widened.values(), default=1.0), 2)
+    caveats = () if not fit.widened else (
+        "the noise along the records is taken as measured, although the residuals hold more that is slow: by the "
+        f"scatter from record to record intervals of the fit are up to {most} times as wide as such noise makes them",)
     target = CampaignTarget(
         title=f"{fit.model_text}, sampled from {fit.campaign}", names=names,
         units=tuple(full.unit(n, u) for n in names),
         coordinates=tuple(full.slots[full.index[n]].parameter.coordinate for n in names),
         centre=u[[full.index[n] for n in names]], covariance=covariance, low=low, high=high, priors=problem.priors,
         parts=records.keys, groups=groups, conditions=name_conditions(fit.source.records, groups), identity=identity,
-        fit=fit, space=space, records=records, plan=plan)  # fmt: skip
+        caveats=caveats, fit=fit, space=space, records=records, plan=plan)  # fmt: skip
     return judge_linearity(target)
 
 
