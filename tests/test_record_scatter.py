@@ -112,3 +112,16 @@ def test_ends_by_refitting_are_those_of_the_wider_interval(tmp_path):
     low, high = fit.interval(name)
     assert fit.profile(name) == pytest.approx((low, high), abs=0.05 * (high - low))
     assert fit.bends[name] == pytest.approx(1.0, abs=0.2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("bench", "seed"), [("loose-settings", 454), ("coarse", 921)])
+def test_a_discovery_and_its_fits_have_the_same_intervals(bench, seed, tmp_path):
+    """To the last digit; where settings scatter by what the records tell, they have Student's t at least."""
+    exam = Exam("impact", seed, ("nothing",), bench=bench, fault="none")
+    write_case(exam, sample_case(exam, 1), tmp_path / "case")
+    found = dd.discover(tmp_path / "case")
+    assert bool(found.spread) == bool(found.best.widened) == (bench == "loose-settings")
+    for name, one in found.steps[-1].parameters.items():
+        other = found.best.parameters[name]
+        assert (one.estimate, one.sd, one.q025, one.q975) == (other.estimate, other.sd, other.q025, other.q975)

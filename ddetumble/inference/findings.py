@@ -333,16 +333,18 @@ class AbstractRivals(abc.ABC):
 
 def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], problem: Problem, found: Bounded,
                   start: np.ndarray, noise: Mapping[str, Noise], settings: Mapping[str, Any], nuisances: bool,
-                  warnings: tuple[str, ...] = (), *, steps: int | None = None, starts: int = 1) -> Fit:
+                  warnings: tuple[str, ...] = (), *, steps: int | None = None, starts: int = 1,
+                  scattered: bool = False) -> Fit:
     """Turn a solution `found` of a problem into what people read.
 
     `start` are the coordinates that the fit started from; `nuisances` says whether the conditions moved, `warnings`
     what is to be told beside, `steps` how many were taken from all `starts` and since (if not given, those of the
-    solution alone). The other arguments are fields of `Fit`.
+    solution alone), `scattered` whether the scatter of settings was estimated from the same records. The other
+    arguments are fields of `Fit`.
     """
     space, solution = problem.space, found.solution
     known = analyse_with_refits(problem, solution)
-    widened = widen_by_scatter(problem, solution, noise)
+    widened = widen_by_scatter(problem, solution, noise, scattered)
     known = known.widen(widened, solution.names)
     told, remedies = describe_knowledge(problem, solution, known, campaign)
     parameters, covariance, correlations, gaussians = estimate_parameters(problem, found, known, start)
@@ -352,7 +354,7 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
                           "the others assume it held there." for n, p in parameters.items() if p.at_bound),
              *(f"{n} is {p.text}." for n, p in parameters.items() if p.text and not p.at_bound)]
     if widened:
-        notes.append(tell_scatter(widened))
+        notes.append(tell_scatter(widened, scattered))
     if not nuisances:
         notes.append("The conditions and time origins were taken as exact.")
     stopped, fixed, scales = [], {}, space.scales()

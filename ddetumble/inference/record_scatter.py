@@ -63,13 +63,14 @@ def measure_scatter(solution: Solution, student: float = 1.0, settings: ScatterS
     return np.diag(covariance @ (student**2 * meat + np.diag(prior)) @ covariance) / np.diag(covariance)
 
 
-def widen_by_scatter(problem: Problem, solution: Solution, noise: Mapping[str, Noise],
+def widen_by_scatter(problem: Problem, solution: Solution, noise: Mapping[str, Noise], estimated: bool = False,
                      settings: ScatterSettings = SCATTER) -> dict[str, float]:
     """Factors by which standard deviations of the free parameters grow, where noise is not as it was taken; else none.
 
-    They are those of the scatter of records, with Student's t for the few that there are, and never below 1. None are
-    given where the noise is taken as stated, where the model misses more than noise explains (what repeats over the
-    records is no scatter), and where records are too few.
+    They are those of the scatter of records, with Student's t for the few that there are, and never below 1. They are
+    always given where the scatter of settings was `estimated` from the same records. None are given where the noise is
+    taken as stated, where the model misses more than noise explains (what repeats over the records is no scatter), and
+    where records are too few.
     """
     records = problem.records
     free, count = len(solution.names), records.count
@@ -79,17 +80,19 @@ def widen_by_scatter(problem: Problem, solution: Solution, noise: Mapping[str, N
     used = float(np.sum(np.asarray(records.stack.weights)[:count] > 0))
     if solution.chi2 > FAR * max(used - free, 1.0):
         return {}
-    total, degrees = measure_smooth(problem, solution, smooth_bases(problem, solution.end))
-    if degrees < 1 or stats.chi2.sf(total, degrees) >= settings.level:
-        return {}
+    if not estimated:
+        total, degrees = measure_smooth(problem, solution, smooth_bases(problem, solution.end))
+        if degrees < 1 or stats.chi2.sf(total, degrees) >= settings.level:
+            return {}
     student = float(stats.t.ppf(0.975, count - free) / stats.norm.ppf(0.975))
     factors = np.sqrt(np.maximum(measure_scatter(solution, student, settings), 1.0))
     return {name: float(factor) for name, factor in zip(solution.names, factors, strict=True)}
 
 
-def tell_scatter(widened: Mapping[str, float]) -> str:
+def tell_scatter(widened: Mapping[str, float], estimated: bool = False) -> str:
     """What was done to the intervals, as a sentence."""
     most = max(widened.values())
     told = f"up to {format_number(most, 2)} times as wide" if most > 1.0 else "which is no wider here"
-    return ("The residuals hold more that is slow over a contact than the noise along the records tells: the intervals "
-            f"are those of the scatter from record to record, {told}.")
+    why = ("How far the settings scatter was estimated from these records" if estimated else
+           "The residuals hold more that is slow over a contact than the noise along the records tells")
+    return f"{why}: the intervals are those of the scatter from record to record, {told}."
