@@ -736,8 +736,9 @@ def test_least_time(two):
     assert quick.reached and quick.shares[-1] <= 0.2 * (1 + 1e-3) and quick.joint is not None
     assert (quick.joint.aim, quick.joint.taken, quick.joint.impacts) == ("time", True, 2)
     assert quick.joint.duration == quick.duration and quick.joint.alone[3] == pytest.approx(found.duration)
-    # No wait can be shorter than none: what is left is the contacts and what the share asks of the waits.
+    # What is left is the contacts, the time in which the ball keeps clear, and what the share asks of the waits.
     assert quick.duration < 0.5 * found.duration
+    assert quick.impacts[1].design.instant >= 2.0 * float(problem.limits.clearance) - 1e-9
     assert all(min(plan.values.values()) > -1e-5 for plan in quick.impacts)
     again = refine_sequence(problem, found, 0.2, "time")
     followed = total(follow_impacts(problem, np.array([p.place[0] for p in again.impacts]),
@@ -747,6 +748,21 @@ def test_least_time(two):
     assert all(plan.certificate.gradient_error < 1e-3 for plan in again.impacts)
     assert all(name.removeprefix("lowest ").removeprefix("highest ") in ("share left", *CONSTRAINTS, *VARIABLES)
                for plan in again.impacts for name in plan.certificate.binding)
+
+
+def test_the_ball_keeps_clear_between_two_impacts():
+    """No impact comes sooner after another than the ball keeps clear after that one and before the next, however early
+    the window begins: the price of such a wait is that time's. A window that ends before is refused, unless one impact
+    is asked for.
+    """
+    problem = pose([0.02, 0.0, 0.0], window=np.array([0.0, 0.8]), clearance=0.5)
+    with pytest.raises(InputError) as error:
+        dd.plan(problem, settings=PlanSettings(impacts=2))
+    assert error.value.key == "limits.window"
+    for early, held in ((0.0, 1.0), (0.5, 1.0), (7.0, 7.0)):
+        limits = dc.replace(problem.limits, window=np.array([early, 60.0]))
+        found = dc.replace(problem, limits=limits).begin_after(problem.attitude, problem.angular_velocity)
+        np.testing.assert_allclose(found.limits.window, [held, 60.0])
 
 
 @pytest.mark.study

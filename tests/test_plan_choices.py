@@ -284,7 +284,7 @@ def test_errors_of_a_sequence(held):
     the first impact errs as alone; rates that are off by a factor do so throughout.
     """
     problem, first = held
-    second = plan_strike(problem.begin_at(first.collision.attitude, first.collision.angular_velocity), starts=1)
+    second = plan_strike(problem.begin_after(first.collision.attitude, first.collision.angular_velocity), starts=1)
     planned = np.array([first.score, first.score * second.score])
     assert 0.05 < second.score < 0.95
 
@@ -466,6 +466,19 @@ def test_angles_and_fractions_take_texts_with_units(tmp_path):
     sizes = scenario.errors.sizes()
     assert [sizes[name] for name in ("direction", "attitude", "rates", "speed", "inertia")] == pytest.approx(
         [np.radians(2.0), 0.1, 0.03, 0.02, 0.05])
+
+
+def test_the_shortest_wait_has_a_price_of_its_own(held):
+    """An impact after another that comes as soon as it may is held by the clearance, unless the window holds it."""
+    problem, plan = held
+    early = dc.replace(plan, certificate=dc.replace(plan.certificate, binding={"lowest instant": 0.3}, stationarity=0))
+    for begin, keys in ((0.0, [[], ["arm.clearance_time"]]), (1.5, [["limits.window"], []]),
+                        (30.0, [["limits.window"], ["limits.window"]])):
+        limits = dc.replace(problem.limits, window=np.array([begin, 60.0]))
+        assert [[one.key for one in price_limits(limits, [early], first=k)] for k in (1, 2)] == keys
+    limits = dc.replace(problem.limits, window=np.array([0.0, 61.0]))
+    (price,) = price_limits(limits, [early, early])
+    assert price.gain == pytest.approx(0.3 * 2.0 * 0.2 / 60.0)  # 0.1 s less on either side, in a window of 60 s
 
 
 def test_prices_name_the_limit_that_holds():

@@ -86,7 +86,7 @@ def follow_errors(problem: StrikeProblem, impacts: Sequence[StrikePlan], errors:
             left, missed, violated, after = _strike_once(true, met, margin)
             share, drift = share * left, drift + _read_drift(after)
             moved = met if after is None else after
-            now = true.begin_at(moved.attitude, moved.angular_velocity)
+            now = true.begin_after(moved.attitude, moved.angular_velocity)
             rows[k, :, i] = share, missed, violated, np.linalg.norm(drift)
     return tuple(_summarise("all", np.nan, *own) for own in rows)
 

@@ -299,7 +299,8 @@ def plan_scenario(scenario: Scenario, here: Path, path: Path | None = None, *, p
     if table is not None:
         settings = dc.replace(settings, plan_for=table.plan_for, tail=table.tail, draws=table.draws)
     try:
-        found = _plan(problem, dc.replace(settings, **changes), laws, contacts, progress=progress)
+        with error_place(file=path):
+            found = _plan(problem, dc.replace(settings, **changes), laws, contacts, progress=progress)
     except ComputationError as error:
         if not doubts:
             raise
@@ -311,6 +312,11 @@ def plan_scenario(scenario: Scenario, here: Path, path: Path | None = None, *, p
 def _plan(problem: StrikeProblem, settings: PlanSettings, laws: Laws | None, contacts: Mapping[str, FittedModel], *,
           progress: Progress | None) -> Plan:
     tell, how = progress or (lambda text, share: None), settings
+    late, wait = float(problem.limits.window[1]), problem.limits.shortest_wait()
+    if how.impacts > 1 and late < wait:
+        raise InputError(f"the latest wait, {late:g} s, is before the shortest between two impacts, {wait:g} s (the "
+                         "ball keeps clear for arm.clearance_time after one and before the next); state a later one, "
+                         "or goal.impacts = 1", key="limits.window")
     ranges, misfits = find_measured_ranges(contacts), list_misfits(contacts)
     revise, own = None, None if how.plan_for == "best" else laws
     aim = how.errors.plan_for if own is None else how.plan_for
@@ -339,7 +345,7 @@ def _plan(problem: StrikeProblem, settings: PlanSettings, laws: Laws | None, con
         tell("trying errors of the arm and of the motion", math.nan)
         first = found.impacts[0]
         if found.joint is None or not found.joint.taken:
-            prices = tuple(price_limits(problem.limits, [one]) for one in found.impacts)
+            prices = tuple(price_limits(problem.limits, [one], first=k) for k, one in enumerate(found.impacts, 1))
             if wide is not None:
                 prices = tuple(name_narrowed(one, wide.limits, problem.limits) for one in prices)
         rules, spreads = compare_rules(problem, first), try_errors(problem, first, how.errors, how.seed)

@@ -20,7 +20,7 @@ from .single import ALLOWED, LEAST_GAIN, LOST, ROUGH, StrikePlan, Tally, ask_sci
 
 
 # By how much a limit is loosened to state its price: small against the limit, and a number that people can picture.
-PART, MILLIMETRE, DEGREE, SECOND = 0.01, 1e-3, math.radians(1.0), 1.0
+PART, MILLIMETRE, DEGREE, SECOND, MOMENT = 0.01, 1e-3, math.radians(1.0), 1.0, 0.1
 # Of a scaled constraint or of a variable's range, within which a limit counts as reached: 1 % of most limits, and 1 mm
 # of the distance from an edge, which nobody would call room. That a reached limit costs anything is another question.
 REACHED = 0.01
@@ -59,6 +59,11 @@ def _hurry(limits: Limits) -> float:
     return _wait(limits) if float(limits.window[0]) >= SECOND else 0.0
 
 
+def _hurry_again(limits: Limits) -> float:
+    """As `_hurry`, of an impact after another, and 0 where the window would begin before the shortest wait."""
+    return _wait(limits) if float(limits.window[0]) >= SECOND + limits.shortest_wait() else 0.0
+
+
 # Key, change, and how much the scaled constraint or variable then allows.
 PRICES: dict[str, tuple[str, str, Callable[[Limits], float]]] = {
     CONSTRAINTS.speed: ("arm.speed", "1 % more", lambda limits: 2.0 * PART),
@@ -76,26 +81,35 @@ PRICES: dict[str, tuple[str, str, Callable[[Limits], float]]] = {
     "highest instant": ("limits.window", "1 s later", _wait),
     "lowest instant": ("limits.window", "1 s earlier", _hurry),
 }
+# Of the impacts after the first; the second where the shortest wait holds them, which is twice the clearance time.
+AGAIN = PRICES | {"lowest instant": ("limits.window", "1 s earlier", _hurry_again)}
+CLEARING = PRICES | {"lowest instant": ("arm.clearance_time", "0.1 s less",
+                                        lambda limits: 2.0 * MOMENT / SECOND * _wait(limits))}
 
 
-def price_limits(limits: Limits, plans: Iterable[StrikePlan], of: str = "goal", unit: float = 1.0
+def price_limits(limits: Limits, plans: Iterable[StrikePlan], of: str = "goal", unit: float = 1.0, first: int = 1
                  ) -> tuple[Price, ...]:
     r"""Prices of the limits that hold a planned impact, or several that were optimised together, the dearest first.
 
     With the multiplier $\lambda$ of a constraint $c(x, l) \ge 0$, the optimum falls by
     $\lambda\,\partial c/\partial l\,\Delta l$ where the limit $l$ is changed by $\Delta l$ (envelope theorem); that
-    of impacts together by the sum over them, as a limit holds for all. `unit` is what a multiplier counts, of `of`.
+    of impacts together by the sum over them, as a limit holds for all. `unit` is what a multiplier counts, of `of`;
+    `first` is the number in its sequence, from 1 on, of the first of the impacts, as those after number 1 have to wait.
     There are none where a plan is no optimum, as its multipliers mean nothing.
     """
     found: dict[tuple[str, str], float] = {}
     certificates = [plan.certificate for plan in plans]
     if any(one.stationarity > ROUGH for one in certificates):
         return ()
-    for name, multiplier in (item for one in certificates for item in one.binding.items() if item[0] in PRICES):
-        key, change, allow = PRICES[name]
-        gain = multiplier * allow(limits) * unit
-        if gain > 0.0:
-            found[key, change] = found.get((key, change), 0.0) + gain
+    later = limits.wait_again()
+    again = CLEARING if float(later.window[0]) > float(limits.window[0]) else AGAIN
+    for number, one in enumerate(certificates, first):
+        words, own = (PRICES, limits) if number == 1 else (again, later)
+        for name, multiplier in one.binding.items():
+            key, change, allow = words.get(name, ("", "", lambda limits: 0.0))
+            gain = multiplier * allow(own) * unit
+            if gain > 0.0:
+                found[key, change] = found.get((key, change), 0.0) + gain
     return tuple(sorted((Price(key, change, gain, of) for (key, change), gain in found.items()),
                         key=lambda price: -price.gain))
 

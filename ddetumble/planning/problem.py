@@ -45,7 +45,7 @@ class Limits(eqx.Module):
         depression: of the ball [m].
         edge: least distance of the contact disc from an edge [m].
         pressure: lowest and highest, absolute, shape (2,) [Pa].
-        window: earliest and latest instant, shape (2,) [s].
+        window: earliest and latest instant, shape (2,) [s]; of a further impact see `wait_again`.
         chaser: direction from the debris to the chaser, inertial, unit, shape (3,) [-].
         cone: largest angle between that and the outward normal at first touch [rad].
         clearance: how long before and after the contact the ball must keep clear of the rest of the body [s].
@@ -71,6 +71,15 @@ class Limits(eqx.Module):
     radius: Array = eqx.field(converter=scalar, default=np.inf)
     fastest: Array = eqx.field(converter=scalar, default=np.inf)
     slide: Array = eqx.field(converter=scalar, default=np.inf)
+
+    def shortest_wait(self) -> float:
+        """Shortest time between two impacts [s], in which the ball keeps clear after one and before the next."""
+        return 2.0 * float(self.clearance)
+
+    def wait_again(self) -> "Limits":
+        """The same for an impact after another, whose window begins no sooner than the shortest wait."""
+        early, late = (float(one) for one in self.window)
+        return eqx.tree_at(lambda one: one.window, self, scalar(np.array([max(early, self.shortest_wait()), late])))
 
 
 @final
@@ -129,8 +138,12 @@ class StrikeProblem(eqx.Module):
             self.unit = allow_speed(self)
 
     def begin_at(self, attitude: Array, angular_velocity: Array) -> "StrikeProblem":
-        """The same with another motion at time 0, such as that which an impact left."""
+        """The same with another motion at time 0."""
         return eqx.tree_at(lambda p: (p.attitude, p.angular_velocity), self, (attitude, angular_velocity))
+
+    def begin_after(self, attitude: Array, angular_velocity: Array) -> "StrikeProblem":
+        """The problem of a further impact, from the motion that the one before left: the wait is one between two."""
+        return eqx.tree_at(lambda p: p.limits, self.begin_at(attitude, angular_velocity), self.limits.wait_again())
 
 
 class Design(eqx.Module):

@@ -185,7 +185,8 @@ class ArmTable(Strict):
     chaser_mass: Mass | None = Field(
         default=None, description="mass of the chaser, whose recoil the result then states [kg].")
     clearance_time: Annotated[Positive, _read_in("s")] = Field(
-        default=0.5, description="time before and after the contact during which nothing else may be touched [s].")
+        default=0.5, description="time before and after the contact during which nothing else may be touched [s]; two "
+        "impacts of a sequence are at least twice that apart.")
 
     @pydantic.field_validator("chaser")
     @classmethod
@@ -206,7 +207,7 @@ class LimitTable(Strict):
     edge: Distance = Field(default=0.02, description="least distance of the contact disc from an edge [m].")
     window: Annotated[tuple[Time, Annotated[Positive, _read_in("s")]], ALIKE] = Field(
         default=(0.0, 60.0), description="earliest and latest instant of first touch [s]; in a sequence the shortest "
-        "and longest wait.")
+        "and longest wait, which after an impact is at least twice `arm.clearance_time` whatever stands here.")
     approach: Speed = Field(default=0.05, description="least speed along the normal [m/s].")
     faces: tuple[StrictStr, ...] = Field(
         default=(), description="faces that may be struck, by name; all if empty. A cylinder has `side`, `upper end` "

@@ -209,7 +209,8 @@ def find_lever(problem: StrikeProblem) -> float:
 def plan_sequence(problem: StrikeProblem, share: float, most: int, *, starts: int = STARTS, seed: int = 0,
                   part: float = 1.0, revise: Revise | None = None, progress: Progress | None = None) -> Sequence:
     """Plan impacts one after the other, each the best from what the one before left, its wait chosen too (within
-    `limits.window`), until a share of the angular momentum or less is left, or there are the most that may be.
+    `limits.window`, and no shorter than `limits.shortest_wait()`), until a share of the angular momentum or less is
+    left, or there are the most that may be.
 
     With a `part` below one every impact waits no longer than that part of the window where that is worth its while.
     `revise` changes each plan, for what is uncertain; the motion goes on as the best estimate has it. `starts` and
@@ -242,7 +243,7 @@ def plan_sequence(problem: StrikeProblem, share: float, most: int, *, starts: in
             break
         impacts.append(plan)
         left = measure_share(problem, plan.collision.angular_velocity)
-        now = now.begin_at(plan.collision.attitude, plan.collision.angular_velocity)
+        now = now.begin_after(plan.collision.attitude, plan.collision.angular_velocity)
     relaxations = ()
     if refused is not None and not impacts and not refused.missed:
         tell("looking for the limit that stands in the way", math.nan)
@@ -314,10 +315,11 @@ def follow_impacts(problem: StrikeProblem, faces: np.ndarray, x: np.ndarray) -> 
     could not be integrated to its end.
     """
     start, state = _begin(problem)
-    rows = []
+    now, rows = problem, []
     for face, own in zip(jnp.asarray(faces), jnp.asarray(x), strict=True):
-        found = _strike(problem, start, state, face, own)
+        found = _strike(now, start, state, face, own)
         state = found[:STATE]
+        now = now.begin_after(state[:4], state[4:])
         rows.append(np.asarray(found[STATE:]))
         if np.isnan(rows[-1]).any():
             break
@@ -330,10 +332,11 @@ def follow_slopes(problem: StrikeProblem, faces: np.ndarray, x: np.ndarray) -> t
     """
     start, state = _begin(problem)
     before = np.zeros((STATE, *x.shape))  # of the state, by all variables
-    rows, slopes = [], []
+    now, rows, slopes = problem, [], []
     for k, (face, own) in enumerate(zip(jnp.asarray(faces), jnp.asarray(x), strict=True)):
-        value, slope = _strike_slopes(problem, start, state, face, own)
+        value, slope = _strike_slopes(now, start, state, face, own)
         state, slope = value[:STATE], np.asarray(slope)
+        now = now.begin_after(state[:4], state[4:])
         every = np.tensordot(slope[:, :STATE], before, axes=1)
         every[:, k] += slope[:, STATE:]
         before = every[:STATE]
@@ -352,7 +355,8 @@ def refine_sequence(problem: StrikeProblem, sequence: Sequence, share: float, ai
     `share` is what is to be small, the share; where it is not taken, the sequence is the one given.
     """
     faces, first = np.array([plan.place[0] for plan in sequence.impacts]), np.stack([p.x for p in sequence.impacts])
-    bounds = np.concatenate([find_bounds(problem, int(face)) for face in faces])
+    later = problem.begin_after(problem.attitude, problem.angular_velocity)
+    bounds = np.concatenate([find_bounds(later if k else problem, int(face)) for k, face in enumerate(faces)])
     place = TOTALS.index(aim)
     unit = {"impulse": max(sequence.impulse, 1e-300), "time": max(sequence.duration, 1e-300),
             "share": max(sequence.shares[-1], 1e-6) ** 2}[aim]
@@ -393,7 +397,7 @@ def refine_sequence(problem: StrikeProblem, sequence: Sequence, share: float, ai
     now, plans, tally = problem, [], Tally(0, len(passed))
     for face, x, certificate in zip(faces, best.reshape(first.shape), certificates, strict=True):
         plans.append(make_plan(now, int(face), x, certificate, tally))
-        now = now.begin_at(plans[-1].collision.attitude, plans[-1].collision.angular_velocity)
+        now = now.begin_after(plans[-1].collision.attitude, plans[-1].collision.angular_velocity)
     found = add_up(problem, plans, share * (1 + SLACK))
     taken = all(plan.allowed for plan in plans) and (found.reached or aim == "share")
     if taken:

@@ -371,7 +371,8 @@ def _show_problem(plan: Plan) -> Section:
         if float(weight)] if goal.own is None else [f"{goal.own.__name__} of the motion after the impact"]
     pressures = " to ".join(dict.fromkeys(f"{float(one) / 1e6:.4g}" for one in limits.pressure))
     window = " to ".join(dict.fromkeys(f"{float(one):.4g}" for one in limits.window))
-    since = "time 0" + (", and after the end of the impact before" if plan.settings.impacts > 1 else "")
+    waits = " to ".join(dict.fromkeys(f"{float(one):.4g}" for one in limits.wait_again().window))
+    again = f"; further impacts {waits} s after the end of the one before" if plan.settings.impacts > 1 else ""
     rows = [
         ["debris", "shape", _describe_shape(debris.surface)],
         ["debris", "mass", f"{float(debris.mass):.4g} kg"],
@@ -392,7 +393,7 @@ def _show_problem(plan: Plan) -> Section:
         ["allowed", "depression", f"up to {1e3 * float(limits.depression):.3g} mm"],
         ["allowed", "pressure", f"{pressures} MPa"],
         ["allowed", "distance from edges", f"from {1e3 * float(limits.edge):.3g} mm"],
-        ["allowed", "first touch", f"{window} s after {since}"],
+        ["allowed", "first touch", f"{window} s after time 0{again}"],
         ["allowed", "clearance", "the ball keeps clear of the rest of the body for "
                                  f"{float(limits.clearance):.3g} s before and after the contact"],
         ["allowed", "side", f"outward normal of the face within {np.degrees(float(limits.cone)):.3g}° of the chaser, "
