@@ -90,7 +90,7 @@ def test_a_sequence_under_every_law(planned):
             design = read_design(now, jnp.asarray(names.index(plan.face)), jnp.asarray(x))
             end = strike_debris(now, design)
             worst.append(np.asarray(judge(now, design, end)))
-            now = eqx.tree_at(lambda p: (p.attitude, p.angular_velocity), now, (end.attitude, end.angular_velocity))
+            now = now.begin_after(end.attitude, end.angular_velocity)
             own.append(float(np.linalg.norm(STAGE.inertia @ end.angular_velocity) / start))
         left.append(own)
         kept.append(worst)
