@@ -76,8 +76,11 @@ AFTER_SCENARIO = """\
 | `schema` | `ddetumble.plan-result/2` |
 | `scenario`, `title`, `version` | file, its title, version of ddetumble |
 | `sentence` | the answer in words |
-| `possible`, `reached` | whether any impact helps, null if the search failed; whether the wanted share is reached |
+| `possible`, `reached` | whether any impact helps, null if the search failed; whether `wanted_share` is reached |
 | `wanted_share`, `share_left`, `axial_share` | of the angular momentum: wanted, left, what no normal force can take |
+| `goal` | what was wanted small: its name, its value `before` and `after`, `share_left` of it |
+| `within` | `measured` where the plan stays within what was measured |
+| `share_left_beyond` | of the momentum, by the plan that need not; that in `goal` is of the goal |
 | `impulse`, `duration` | sizes of all contact impulses added up [N s]; from time 0 to the last separation [s] |
 | `fewest_impacts` | lower bound on their number; null where none can be given |
 | `joint` | what optimising all impacts jointly made of it (`taken`), or one impact less would leave; with `prices` |
@@ -98,15 +101,17 @@ An impact's vectors: `point` is in body components; `arm_velocity`, `normal`, `i
 inertial; `angular_velocity` is in body components; `debris_velocity` is the drift that the impact gives, and
 `chaser_velocity` the recoil of a chaser of the stated mass, if nothing else holds it.
 `certificate.stationarity` is what is left of the gradient after the binding constraints' share, over the gradient;
-`gradient_error` its largest difference from central differences; `finding` says what they amount to: `optimum`, `not an
-optimum` (more than 2 % of the gradient is left), `nothing left` or `no limit holds`, where the gradient vanishes and
-both say nothing; `binding` names the limits that hold the impact, with their multipliers. `limits_reached` names those
-that it keeps by less than 1 % (of an edge 1 mm), whether they cost anything or not. `extrapolated` lists what lies
-outside of `measured`. In `errors` and `errors_after`, `raised` is the share of the draws that end with more momentum
-than there was before the first impact. In `refused`, `estimate` is the least that closed forms see allowed, and
-`missed` says whether that is worth its while: then the search has failed. In `joint`, `alone` lists the number, share
-left, impulse and duration of the impacts planned one after the other. In `relaxations`, `key` is the scenario's,
-`given` its value, and `needed` one at which such an impact was integrated, the tightest that was found.
+`gradient_error` its largest difference from central differences; `finding` says what they amount to: `optimum`, `not
+an optimum` (more than 2 % of the gradient is left), `nothing left` or `no limit holds`, where the gradient vanishes
+and both say nothing; `binding` names the limits that hold the impact, with their multipliers. `limits_reached` names
+those that it keeps by less than 1 % (of an edge 1 mm), whether they cost anything or not. `extrapolated` lists what
+lies outside of `measured`. `wanted_share` and `reached` are null where the goal is not the momentum and `goal.share`
+is the usual one. In `errors` and `errors_after`, `raised` is the share of the draws that end with more momentum than
+there was before the first impact, `untaken` the share in which none is taken, these among them; `goal` and `goal_q95`
+are of the goal what `mean` and `q95` are of the momentum. In `refused`, `estimate` is the least that closed forms see
+allowed, and `missed` says whether that is worth its while: then the search has failed. In `joint`, `alone` lists the
+number, share left, impulse and duration of the impacts planned one after the other. In `relaxations`, `key` is the
+scenario's, `given` its value, and `needed` one at which such an impact was integrated, the tightest that was found.
 """
 
 

@@ -398,6 +398,50 @@ def test_a_goal_of_ones_own(tmp_path):
         assert refused.value.key == key
 
 
+def test_what_is_left_is_told_of_the_goal_that_was_asked_for(tmp_path):
+    """With a goal of one's own, sentence, result and page say what is left of that, before and after, and no share of
+    the momentum that nobody asked for.
+    """
+    (tmp_path / "goals.py").write_text("def spin(rates, inertia):\n    return rates[0] ** 2 + rates[2] ** 2 + 1e-6\n")
+    trust_file(tmp_path / "goals.py")
+    (tmp_path / "case.toml").write_text(SCENARIO + '[goal]\nfunction = "goals.py:spin"\n[errors]\ndraws = 8\n')
+    found = dd.plan(tmp_path / "case.toml")
+    dd.report(found, tmp_path / "out")
+    result = json.loads((tmp_path / "out" / "plan.json").read_text(encoding="utf-8"))
+    (impact,), told = result["impacts"], result["goal"]
+    before, after = (float(w[0] ** 2 + w[2] ** 2 + 1e-6) for w in (
+        found.problem.angular_velocity, impact["angular_velocity"]))
+    assert (told["before"], told["after"]) == pytest.approx((before, after), rel=1e-9)
+    assert told["share_left"] == impact["goal_left"] == pytest.approx(after / before, rel=1e-9)
+    assert abs(told["share_left"] - result["share_left"]) > 1e-3
+    assert (result["wanted_share"], result["reached"]) == (None, None)
+    erring = result["errors"][-1]
+    assert erring["goal"] != pytest.approx(erring["mean"], rel=1e-3)
+    headline, _, rest = found.sentence.partition(". ")
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    for text in (headline, page):
+        assert "spin" in text and f"{100 * erring['goal']:.2f}" in text and f"{100 * told['share_left']:.2f}" in text
+    assert f"{after:.3g}" in headline and f"{before:.3g}" in headline and "wanted 1" not in found.sentence
+
+
+@pytest.mark.parametrize("aim", ["best", "mean"])
+def test_what_staying_within_what_was_measured_costs_is_told_of_the_goal(held, aim):
+    """Of a plan for the energy, the one that need not stay there is told by the energy that it leaves."""
+    problem = dc.replace(held[0], goal=Goal(0.0, 1.0))
+    inside, outside = held[1], plan_strike(dc.replace(problem, limits=dc.replace(problem.limits, speed=1.0)), starts=1)
+    inertia = np.asarray(problem.debris.inertia)
+    energies = [w @ inertia @ w for w in (np.asarray(one.angular_velocity) for one in (
+        problem, inside.collision, outside.collision))]
+    narrow, wide = np.array(energies[1:]) / energies[0]
+    planned = [dc.replace(one, score=left, untouched=1.0) for one, left in ((inside, narrow), (outside, wide))]
+    found = Plan(problem, PlanSettings(within="measured", errors=ErrorTable(plan_for=aim)),
+                 add_up(problem, planned[:1], 0.01), beyond=add_up(problem, planned[1:], 0.01))
+    assert found.confined == pytest.approx((narrow, wide), rel=1e-6)
+    assert found.goal_beyond == pytest.approx(wide, rel=1e-6) and found.goals_left == pytest.approx((narrow,), rel=1e-6)
+    told = found.sentence.split("within what was measured")[1]
+    assert f"{100 * wide:.2f} % of {problem.goal.name()}" in told and "energy" in problem.goal.name()
+
+
 def test_result_and_page_hold_them(tmp_path):
     """Prices, rules, errors and the chaser's recoil are in the result; momentum of chaser and body sums to zero."""
     path = tmp_path / "case.toml"

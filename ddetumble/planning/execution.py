@@ -12,7 +12,7 @@ from .._rotation import rotate
 from ..dynamics.collision import Collision
 from .draws import draw_normals, split_batch
 from .errors import NAMES, err
-from .problem import Design, StrikeProblem, measure_share, read_design, strike_debris
+from .problem import Design, StrikeProblem, measure_goal, measure_share, read_design, strike_debris
 from .scenario_file import ErrorTable
 from .single import StrikePlan
 
@@ -36,6 +36,9 @@ class Spread:
     violated: float  # share of the draws in which force, depression or another limit of the contact is passed
     drift: tuple[float, float]  # speed that the blow gives the body, mean and standard deviation [m/s]
     raised: float  # share of the draws in which there is more momentum than before the first impact
+    untaken: float  # share of the draws in which no momentum is taken, these among them
+    goal: float  # mean of what is wanted small, over that before the first impact [-]; the momentum where that is it
+    goal_q95: float  # that 95 % of the draws stay below
 
 
 def draw_errors(sizes: Mapping[str, float], count: int, seed: int) -> list[dict[str, Array]]:
@@ -60,9 +63,10 @@ def try_errors(problem: StrikeProblem, plan: StrikePlan, errors: ErrorTable, see
             drawn[name][k] = sizes[name] * random.normal(size=(errors.draws, 3))
     met = _err_all(problem, plan.design, {name: jnp.asarray(own.reshape(-1, 3)) for name, own in drawn.items()})
     # One by one, as the program of one impact is there already and that of many would have to be compiled.
-    rows = [(*told, np.linalg.norm(_read_drift(after)))
-            for *told, after in (_strike_once(*one) for one in split_batch(met))]
-    columns = np.moveaxis(np.reshape(rows, (len(groups), -1, 4)), 2, 1)
+    rows = [(*told, np.linalg.norm(_read_drift(after)), 1.0 if after is None else measure_goal(
+        true, after.angular_velocity)) for true, (*told, after) in (
+            (one[0], _strike_once(*one)) for one in split_batch(met))]
+    columns = np.moveaxis(np.reshape(rows, (len(groups), -1, 5)), 2, 1)
     return tuple(_summarise(name, sizes.get(name, np.nan), *own)
                  for name, own in zip((*sizes, "all"), columns, strict=True))
 
@@ -78,25 +82,27 @@ def follow_errors(problem: StrikeProblem, impacts: Sequence[StrikePlan], errors:
     sizes, count = errors.sizes(), errors.draws
     arm = {name: size if name in OF_THE_ARM else 0.0 for name, size in sizes.items()} | {"centre": 0.0}
     drawn = [draw_errors(sizes if k == 0 else arm, count, seed + k) for k in range(len(impacts))]
-    rows = np.zeros((len(impacts), 4, count))
+    rows = np.zeros((len(impacts), 5, count))
     for i in range(count):
-        now, share, drift = problem, 1.0, np.zeros(3)
+        now, share, drift, begun = problem, 1.0, np.zeros(3), problem
         for k, plan in enumerate(impacts):
             true, met, margin = _meet(now, plan.design.face, jnp.asarray(plan.x), drawn[k][i])
+            begun = begun if k else true
             left, missed, violated, after = _strike_once(true, met, margin)
             share, drift = share * left, drift + _read_drift(after)
             moved = met if after is None else after
             now = true.begin_after(moved.attitude, moved.angular_velocity)
-            rows[k, :, i] = share, missed, violated, np.linalg.norm(drift)
+            rows[k, :, i] = share, missed, violated, np.linalg.norm(drift), measure_goal(begun, moved.angular_velocity)
     return tuple(_summarise("all", np.nan, *own) for own in rows)
 
 
-def _summarise(error: str, size: float, share: np.ndarray, missed: np.ndarray, violated: np.ndarray, drift: np.ndarray
-               ) -> Spread:
+def _summarise(error: str, size: float, share: np.ndarray, missed: np.ndarray, violated: np.ndarray, drift: np.ndarray,
+               goal: np.ndarray) -> Spread:
     """What all draws of one error come to, each shape (draws,)."""
     return Spread(error, size, float(share.mean()), float(np.quantile(share, 0.95)), float(missed.mean()),
                   float(violated.mean()), (float(drift.mean()), float(drift.std())),
-                  float(np.mean(share > 1.0 + RAISED)))
+                  float(np.mean(share > 1.0 + RAISED)), float(np.mean(share > 1.0 - RAISED)), float(goal.mean()),
+                  float(np.quantile(goal, 0.95)))
 
 
 @eqx.filter_jit

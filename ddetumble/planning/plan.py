@@ -30,7 +30,7 @@ from .measured import (
 )
 from .plausibility import check_scenario
 from .prices import Price, list_reached, name_narrowed, price_limits
-from .problem import StrikeProblem
+from .problem import StrikeProblem, measure_goal, score
 from .robust import plan_robust_strike
 from .rules import Blow, compare_rules
 from .scenario import pose_laws, pose_problem
@@ -158,6 +158,30 @@ class Plan(AbstractPrinted):
             for one, done, bound in zip(self.impacts, ended, held, strict=True))
 
     @property
+    def goal(self) -> tuple[float, float]:
+        """What is wanted small, before the first impact and after the last."""
+        rates = self.impacts[-1].collision.angular_velocity if self.impacts else self.problem.angular_velocity
+        return (float(score(self.problem, self.problem.angular_velocity)), float(score(self.problem, rates)))
+
+    @property
+    def goals_left(self) -> tuple[float, ...]:
+        """Share left of what is wanted small after each impact [-]."""
+        return tuple(measure_goal(self.problem, one.collision.angular_velocity) for one in self.impacts)
+
+    @property
+    def goal_beyond(self) -> float | None:
+        """Share left of what is wanted small by the plan that may go beyond what was measured [-]; None without one."""
+        if self.beyond is None:
+            return None
+        last = self.beyond.impacts[-1].collision if self.beyond.impacts else self.problem
+        return measure_goal(self.problem, last.angular_velocity)
+
+    @property
+    def asked(self) -> bool:
+        """Whether a share of the momentum was asked for: by the goal, or by a share other than the usual one."""
+        return self.problem.goal.is_momentum() or self.settings.share != PlanSettings().share
+
+    @property
     def drift(self) -> float:
         """Speed that all impacts together give the body's centre of mass [m/s]."""
         return float(np.linalg.norm(sum((np.asarray(one.collision.velocity) for one in self.impacts), np.zeros(3))))
@@ -172,12 +196,16 @@ class Plan(AbstractPrinted):
         least = math.inf if self.after or erring is None else 0.5 * (erring.mean - found.left)
         most = [one.error for one in self.spreads[:-1] if one.mean - found.left > least > 0.0]
         sizes = self.settings.errors.sizes()
+        goal, left = self.problem.goal, self.goals_left[-1] if self.impacts else 1.0
+        momentum, own = goal.is_momentum(), goal.own is not None
         told = [
-            say("plan.headline", found=found, share=share, worth=worth, erring=erring, stated=stated,
+            say("plan.headline", goal=goal.name(), left=left, momentum=momentum, asked=self.asked,
+                values=self.goal if own else None, found=found, share=share, worth=worth, erring=erring, stated=stated,
                 more=len(found.impacts) < self.settings.impacts, ended=ENDED,
                 plain=self.aim == "best" and self.settings.least == "impacts"),
             say("plan.misfits", misfits=self.misfits) if self.misfits else "", *self.doubts,
-            say("plan.outcome", found=found, share=share, worth=worth, erring=erring, raised=RAISED,
+            say("plan.outcome", goal=goal.name(), momentum=momentum, wide=self.goal_beyond, found=found,
+                share=share, worth=worth, erring=erring, raised=RAISED,
                 most=NAMES[most[0]] if len(most) == 1 else "", beyond=self.beyond,
                 confined=self.confined, aim=self.aim,
                 plain=self.settings.errors.plan_for == "best",
@@ -196,14 +224,15 @@ class Plan(AbstractPrinted):
 
     @property
     def confined(self) -> tuple[float, float] | None:
-        """What is left by the plan, and by the one that may go beyond what was measured: of the momentum, or of what
-        the first impact is planned for (its mean over the draws, or over the worst) where that is not the best
+        """What is left of the goal by the plan, and by the one that may go beyond what was measured: in the end, or of
+        what the first impact is planned for (its mean over the draws, or over the worst) where that is not the best
         estimate; None where there is no second plan, or no impact.
         """
-        if self.beyond is None or not (self.impacts and self.beyond.impacts):
+        wide = self.goal_beyond
+        if self.beyond is None or wide is None or not (self.impacts and self.beyond.impacts):
             return None
         if self.aim == "best":
-            return self.sequence.left, self.beyond.left
+            return self.goals_left[-1], wide
         inside, outside = (one.impacts[0].score / one.impacts[0].untouched for one in (self.sequence, self.beyond))
         return inside, outside
 

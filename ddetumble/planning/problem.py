@@ -99,6 +99,30 @@ class Goal(eqx.Module):
     nutation: Array = eqx.field(converter=scalar, default=0.0)
     own: Callable[[Array, Array], Array] | None = eqx.field(static=True, default=None)
 
+    def weigh(self) -> list[tuple[float, str]]:
+        """The quantities that count, each with its weight; none where the goal is one's own."""
+        found = ((float(self.momentum), "momentum left"), (float(self.energy), "rotational energy left"),
+                 (float(self.nutation), "nutation over 90°"))
+        return [one for one in found if one[0]] if self.own is None else []
+
+    def name(self) -> str:
+        """What is wanted small, in words after \"of\"."""
+        if self.own is not None:
+            return f"the goal {self.own.__name__}"
+        own = [what for _, what in self.weigh()]
+        words = {"momentum left": "the angular momentum", "rotational energy left": "the rotational energy",
+                 "nutation over 90°": "the nutation angle"}
+        return words[own[0]] if len(own) == 1 else f"the goal ({self.describe()})"
+
+    def describe(self) -> str:
+        """The weighted sum in words."""
+        return " + ".join(f"{weight:g} × {what}" for weight, what in self.weigh()) or (
+            f"{self.own.__name__} of the motion after the impact" if self.own is not None else "")
+
+    def is_momentum(self) -> bool:
+        """Whether the momentum alone is wanted small."""
+        return [what for _, what in self.weigh()] == ["momentum left"]
+
 
 @final
 class StrikeProblem(eqx.Module):
@@ -256,6 +280,14 @@ def measure_share(problem: StrikeProblem, rates: Any) -> float:
     return float(np.linalg.norm(after) / np.linalg.norm(before))
 
 
+def measure_goal(problem: StrikeProblem, rates: Any) -> float:
+    """What is wanted small at these rates, body components, over what it is at those of the problem [-]."""
+    if problem.goal.is_momentum():
+        return measure_share(problem, rates)
+    after, before = (float(_score(problem, jnp.asarray(one))) for one in (rates, problem.angular_velocity))
+    return after / before if before > 0.0 else 1.0
+
+
 def score(problem: StrikeProblem, rates: Array) -> Array:
     """What is wanted small, of the rates after an impact in body components."""
     goal, inertia = problem.goal, problem.debris.inertia
@@ -268,3 +300,6 @@ def score(problem: StrikeProblem, rates: Array) -> Array:
     nutation = measure_nutation(inertia, rates)
     nutation = jnp.minimum(nutation, jnp.pi - nutation) / (0.5 * jnp.pi)
     return goal.momentum * momentum + goal.energy * energy + goal.nutation * nutation
+
+
+_score = eqx.filter_jit(score)

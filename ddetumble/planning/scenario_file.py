@@ -244,7 +244,7 @@ class GoalTable(Strict):
     impacts: Annotated[StrictInt, Field(ge=1, le=200)] = Field(default=1, description="largest number of impacts.")
     share: Annotated[Number, Field(ge=0, lt=1), _read_in("")] = Field(
         default=0.01, description="share of the angular momentum at which a sequence ends, as planned, without errors; "
-        "the report measures a plan by it.")
+        "the report measures a plan by it, unless the goal is another than the momentum and this is the usual share.")
     least: Literal["impacts", "impulse", "time"] = Field(
         default="impacts", description="what is minimised in a sequence: the number of impacts, the sum of all "
         "impulses, or the time it takes.")

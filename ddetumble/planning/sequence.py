@@ -23,7 +23,7 @@ from ..inference.programs import keep_program
 from .constraints import MISSED, judge, with_slopes
 from .multistart import find_bounds
 from .prices import Price, Relaxation, find_relaxations, price_limits
-from .problem import StrikeProblem, list_faces, measure_share, reach_speed, read_design, strike_debris
+from .problem import StrikeProblem, list_faces, measure_goal, measure_share, reach_speed, read_design, strike_debris
 from .single import ALLOWED, STARTS, TURN, StrikePlan, Tally, certify, descend, make_plan, plan_strike, remember
 
 
@@ -416,11 +416,15 @@ def plan_together(problem: StrikeProblem, share: float, most: int, *, aim: Aim =
 
     The aim `impacts` tries to do with one impact less, again and again; `impulse` brings the sum of all impulses down;
     `time` the instant of the last separation, from sequences with long and with short waits. Where the share is not
-    reached in `most` impacts, that many are changed together for the least momentum left, whether or not that reaches
-    it, and the search is repeated with short waits and from other starts. Where nothing better is found, the
-    sequence is that of `plan_sequence`.
+    reached in `most` impacts, that many are changed together for the least momentum left, where that is the goal,
+    whether or not that reaches it, and the search is repeated with short waits and from other starts, for the least of
+    the goal. Where nothing better is found, the sequence is that of `plan_sequence`.
     """
-    tell = progress or (lambda text, done: None)
+    tell, momentum = progress or (lambda text, done: None), problem.goal.is_momentum()
+
+    def remain(sequence: Sequence) -> float:
+        """Share left of what is wanted small."""
+        return measure_goal(problem, sequence.impacts[-1].collision.angular_velocity) if sequence.impacts else 1.0
 
     def change(sequence: Sequence, wanted: str, told: str, alone: Sequence) -> Sequence:
         """All impacts together; `joint` says what was aimed at, beside what those planned one after the other do."""
@@ -439,14 +443,14 @@ def plan_together(problem: StrikeProblem, share: float, most: int, *, aim: Aim =
     def search(seed: int) -> Sequence:
         """One after the other; those that miss the share with all that there may be are changed together."""
         alone = plan_sequence(problem, share, most, starts=starts, seed=seed, revise=revise, progress=progress)
-        if alone.reached or revise is not None or not max(most, 2) <= len(alone.impacts) <= TOGETHER:
+        if alone.reached or revise is not None or not momentum or not max(most, 2) <= len(alone.impacts) <= TOGETHER:
             return alone
         return improve(alone)
 
     def hurry(seed: int, part: float) -> Sequence:
         """With short waits, then changed together within the whole window."""
         alone = plan_sequence(problem, share, most, starts=starts, seed=seed, part=part, progress=progress)
-        return improve(alone) if 0 < len(alone.impacts) <= TOGETHER else alone
+        return improve(alone) if momentum and 0 < len(alone.impacts) <= TOGETHER else alone
 
     def repeat(look: Callable[..., Sequence], *given) -> list[Sequence]:
         """Another search; none where no start of it can be integrated, as there is a sequence already."""
@@ -463,13 +467,13 @@ def plan_together(problem: StrikeProblem, share: float, most: int, *, aim: Aim =
             hurried = [again for turn, part in enumerate(parts, FURTHER + 1)
                        for again in repeat(hurry, seed + TURN * turn, part)]
             best = min([best, *hurried], key=lambda one: (len(one.impacts), 0.0) if one.reached else
-                       (math.inf, one.left))
+                       (math.inf, remain(one)))
         for turn in range(1, 1 + (FURTHER if most > 1 else FURTHER_ALONE)):
             if best.reached:
                 break
             tell("searching from other starts", math.nan)
             for again in repeat(search, seed + TURN * turn):
-                best = again if again.reached or again.left < best.left else best
+                best = again if again.reached or remain(again) < remain(best) else best
     if revise is not None or not best.reached:
         return best
 

@@ -229,5 +229,5 @@ def assess_sequence(problem: StrikeProblem, sequence: Impacts, laws: Laws, share
     violated = {f"{k + 1}: {CONSTRAINTS[c]}": float(broken[k, c]) for k, c in zip(*np.nonzero(broken), strict=True)}
     reached = float(weights @ (left[:, -1] <= share * (1.0 + SLACK))) * (1.0 - lost)
     sentence = say("plan.sequence", count=len(after), end=after[-1], reached=reached, violated=violated, lost=lost,
-                   share=share, tail=tail, drawn=laws.drawn, held=laws.held)
+                   share=share, tail=tail, momentum=problem.goal.is_momentum(), drawn=laws.drawn, held=laws.held)
     return Prospect(after, np.sqrt(np.maximum(best[:, SHARE], 0.0)), reached, violated, lost, str(sentence))

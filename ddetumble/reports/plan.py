@@ -189,12 +189,16 @@ def write_plan(plan: Plan, folder) -> Path:
     outside = [[one for one in beyond if one.impact == k] for k in range(1, len(sequence.impacts) + 1)]
     impacts = [_list_impact(k, *one) for k, one in enumerate(zip(
         sequence.instants, sequence.shares, sequence.impacts, outside, plan.reached, plan.optimality, strict=True), 1)]
+    for one, left in zip(impacts, plan.goals_left, strict=True):
+        one["goal_left"] = left
     for one in impacts if settings.chaser_mass else ():
         one["chaser_velocity"] = [-part / settings.chaser_mass for part in one["impulse"]]
     result = {
         "schema": SCHEMA, "scenario": plan.source, "title": plan.title, "sentence": plan.sentence,
         "possible": True if impacts else None if best is not None and best.missed else False,
-        "reached": sequence.reached, "wanted_share": settings.share,
+        "reached": sequence.reached if plan.asked else None, "wanted_share": settings.share if plan.asked else None,
+        "goal": {"name": problem.goal.describe(), "before": plan.goal[0], "after": plan.goal[1],
+                 "share_left": plan.goals_left[-1] if impacts else 1.0, "share_left_beyond": plan.goal_beyond},
         "share_left": sequence.left, "drift": plan.drift,
         "impulse": sequence.impulse, "duration": sequence.duration, "joint": sequence.joint,
         "relaxations": sequence.relaxations, "fewest_impacts": sequence.bound or None, "axial_share": sequence.floor,
@@ -235,16 +239,18 @@ def write_plan(plan: Plan, folder) -> Path:
             [course.time for course in courses], [course.normal_force for course in courses],
             [np.linalg.norm(course.friction, axis=1) for course in courses], [f"impact {k + 1}" for k in chosen]))
         unit, factor = choose_time_unit(find_end(sequence))
+        others = _head_goal(problem)
         rows = [[str(one["impact"]), f"{factor * one['instant']:.{4 if unit == 'h' else 2}f}", one["face"],
                  _join(one["point"]), _join(one["arm_velocity"]),
                  f"{math.degrees(math.atan2(one['tangential_speed'], one['approach_speed'])):.1f}",
                  f"{one['initial_pressure'] / 1e6:.3f}",
                  _show(one["peak_normal_force"], 1), _show(1e3 * one["peak_depression"], 2),
                  _show(1e3 * one["duration"], 1), f"{100 * one['share_left']:.3f}",
+                 *(f"{100 * one['goal_left']:.3f}" for _ in others),
                  ", ".join(map(_say_limit, one["limits_reached"])) or "none"] for one in impacts]
         tables.append(Table(
             ["impact", f"at [{unit}]", "face", "point, body [m]", "arm's velocity, inertial [m/s]", "to the normal [°]",
-             "pressure [MPa]", "peak force [N]", "depression [mm]", "contact [ms]", "momentum left [%]",
+             "pressure [MPa]", "peak force [N]", "depression [mm]", "contact [ms]", "momentum left [%]", *others,
              "limits reached"], rows,
             "To the normal: the angle at which the ball comes to the face, of its velocity relative to the place that "
             "is struck."))
@@ -271,6 +277,11 @@ def write_plan(plan: Plan, folder) -> Path:
     return page
 
 
+def _head_goal(problem: StrikeProblem) -> list[str]:
+    """Head of a column of the goal that is left, where that is not the momentum, which has a column of its own."""
+    return [] if problem.goal.is_momentum() else [f"{problem.goal.name().removeprefix('the ')} left [%]"]
+
+
 def find_unloaded(course: Course) -> float:
     """Largest friction of a contact while its normal force is below `UNLOADED` of the peak [N]; 0 where it is as small
     beside its own peak, five times over.
@@ -287,6 +298,7 @@ def _list_facts(plan: Plan) -> list[tuple[str, str, str]]:
     found, erring = plan.sequence, plan.erring
     if not found.impacts:
         return []
+    goal = plan.problem.goal
     left = f"{100 * found.left:.2f} %" if found.left >= 1e-4 else "less than 0.01 %"
     drift, count = f"{1e3 * plan.drift:.3g} mm/s", len(found.impacts)
     facts = [("angular momentum left", left, ""), ("drift given to the body", drift, "")]
@@ -294,6 +306,10 @@ def _list_facts(plan: Plan) -> list[tuple[str, str, str]]:
         mean, spread = (1e3 * part for part in erring.drift)
         facts = [("angular momentum left", f"{100 * erring.mean:.2f} %", f"on average with errors; {left} without"),
                  ("drift given to the body", f"{mean:.3g} ± {spread:.2g} mm/s", f"with errors; {drift} without")]
+    if not goal.is_momentum():
+        alone, words = f"{_show_little(plan.goals_left[-1])} %", f"{goal.name().removeprefix('the ')} left"
+        facts.insert(0, (words, alone, "") if erring is None else (
+            words, f"{_show_little(erring.goal)} %", f"on average with errors; {alone} without"))
     return [*facts, ("impulse", f"{found.impulse:.4g} N s", f"of {count} impact{'s' * (count > 1)}")]
 
 
@@ -366,13 +382,12 @@ def _show_problem(plan: Plan) -> Section:
     allowed = ", ".join(faces[k] for k in list_faces(problem)[:6]) + (", ..." if len(list_faces(problem)) > 6 else "")
     area = "" if np.isinf(float(limits.radius)) else (
         f", within {float(limits.radius):.3g} m of ({_join(np.asarray(limits.target))}) m from the centre of mass")
-    wanted = [f"{float(weight):g} × {what}" for weight, what in (
-        (goal.momentum, "momentum left"), (goal.energy, "rotational energy left"), (goal.nutation, "nutation over 90°"))
-        if float(weight)] if goal.own is None else [f"{goal.own.__name__} of the motion after the impact"]
     pressures = " to ".join(dict.fromkeys(f"{float(one) / 1e6:.4g}" for one in limits.pressure))
     window = " to ".join(dict.fromkeys(f"{float(one):.4g}" for one in limits.window))
     waits = " to ".join(dict.fromkeys(f"{float(one):.4g}" for one in limits.wait_again().window))
     again = f"; further impacts {waits} s after the end of the one before" if plan.settings.impacts > 1 else ""
+    share, count = plan.settings.share, plan.settings.impacts
+    ended = f", none once {100 * share:g} % of the momentum is left"
     rows = [
         ["debris", "shape", _describe_shape(debris.surface)],
         ["debris", "mass", f"{float(debris.mass):.4g} kg"],
@@ -398,9 +413,9 @@ def _show_problem(plan: Plan) -> Section:
                                  f"{float(limits.clearance):.3g} s before and after the contact"],
         ["allowed", "side", f"outward normal of the face within {np.degrees(float(limits.cone)):.3g}° of the chaser, "
                             f"which is towards ({_join(np.asarray(limits.chaser))}), inertial"],
-        ["wanted", "to be small", " + ".join(wanted)],
-        ["wanted", "momentum left", f"{100 * plan.settings.share:g} %, in at most {plan.settings.impacts} "
-                                    f"impact{'s' * (plan.settings.impacts != 1)}"],
+        ["wanted", "to be small", goal.describe()],
+        ["wanted", "momentum left", f"{100 * share:g} %, in at most {count} impact{'s' * (count != 1)}"]
+        if plan.asked else ["wanted", "impacts", f"at most {count}" + ended * (count > 1)],
     ]  # fmt: skip
     return Section("What was asked", tables=[Table(["", "quantity", "value"], rows)])
 
@@ -457,23 +472,26 @@ def _show_alternatives(plan: Plan) -> Section:
 def _show_errors(plan: Plan) -> Section:
     """What errors of the arm and of the estimated motion make of the first impact."""
     own = measure_share(plan.problem, np.asarray(plan.sequence.impacts[0].collision.angular_velocity))
+    heads = [f"{one.removesuffix(' [%]')}, mean [%]" for one in _head_goal(plan.problem)]
     rows = []
     for one in plan.spreads:
         unit, scale = UNITS.get(one.error, ("", 1.0))
         size = "" if one.error == "all" else f"{scale * one.size:.3g} {unit}"
-        rows.append([NAMES.get(one.error, "all together"), size, *_list_outcome(one)])
+        rows.append([NAMES.get(one.error, "all together"), size, *(f"{100 * one.goal:.2f}" for _ in heads),
+                     *_list_outcome(one)])
     impulses = np.array([one.collision.impulse for one in plan.impacts])
     outliers = [NAMES.get(one.error, "all together") for one in plan.spreads if one.mean > one.q95]
     told = tell("plan.errors", left=own, draws=plan.settings.errors.draws,
                 planned=WORDS[plan.settings.errors.plan_for] if plan.settings.errors.plan_for != "best" else "",
                 chaser=plan.settings.chaser_mass, count=len(impulses), outliers=outliers,
                 recoil=1e3 * np.linalg.norm(impulses[0]), recoils=1e3 * np.linalg.norm(impulses.sum(axis=0)))
-    tables = [Table(["error of", "standard deviation", *OUTCOME], rows, "The first impact." + bool(plan.after) * (
-        " Its draws are others than those of the table below, so that both differ by chance."))]
+    apart = " Its draws are others than those of the table below, so that both differ by chance."
+    tables = [Table(["error of", "standard deviation", *heads, *OUTCOME], rows,
+                    "The first impact." + apart * bool(plan.after))]
     if plan.after:
         tables.append(Table(
-            ["impact", "as planned [%]", *OUTCOME, "drift given to the body [mm/s]"],
-            [[str(k), f"{100 * float(planned):.2f}", *_list_outcome(one),
+            ["impact", "momentum left, as planned [%]", *heads, *OUTCOME, "drift given to the body [mm/s]"],
+            [[str(k), f"{100 * float(planned):.2f}", *(f"{100 * one.goal:.2f}" for _ in heads), *_list_outcome(one),
               f"{1e3 * one.drift[0]:.3g} ± {1e3 * one.drift[1]:.2g}"]
              for k, (planned, one) in enumerate(zip(plan.sequence.shares, plan.after, strict=True), 1)],
             "After each impact, all errors together and those of the arm drawn anew. The first is struck by the "
