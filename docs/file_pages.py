@@ -91,7 +91,7 @@ AFTER_SCENARIO = """\
 | `measured` | values over which the ball's fits were measured; empty for the paper's ball |
 | `misfits` | the ball's fits that leave significantly more than the noise of their own campaign; `ratio`: how much |
 | `doubts` | sizes in the scenario that no debris, ball or arm is expected to have, with what is expected, SI |
-| `prices` | what an impact would gain, in units of the goal, by looser limits; of all together, see `joint` |
+| `prices` | what an impact would gain by looser limits, in shares of the goal at the start; of all together: `joint` |
 | `rules` | a straight blow and the paper's rule at the place of the first impact: what they leave |
 | `errors` | what errors of arm and motion make of the first impact, each alone and all together |
 | `errors_after` | what all errors together leave after every impact of a sequence |

@@ -21,8 +21,8 @@ from ddetumble.dynamics.surfaces import Debris, make_debris, make_polytope
 from ddetumble.planning.errors import err_problem
 from ddetumble.planning.execution import draw_errors, follow_errors, try_errors
 from ddetumble.planning.plan import Plan, PlanSettings
-from ddetumble.planning.prices import REACHED, Price, list_reached, name_narrowed, price_limits
-from ddetumble.planning.problem import Goal, Limits, StrikeProblem, drift, score
+from ddetumble.planning.prices import REACHED, Price, list_reached, name_narrowed, price_limits, price_sequence
+from ddetumble.planning.problem import Goal, Limits, StrikeProblem, drift, measure_share, score
 from ddetumble.planning.rules import compare_rules
 from ddetumble.planning.scenario import pose_laws, pose_problem
 from ddetumble.planning.scenario_file import ErrorTable, read_scenario
@@ -214,6 +214,27 @@ def test_a_price_is_what_the_limit_costs(limits, field):
     wider = dc.replace(problem, limits=dc.replace(problem.limits, **{field: 1.01 * limits[field]}), unit=None)
     gain = plan.score - plan_strike(wider, starts=2, near=[plan.place]).score
     assert price.gain == pytest.approx(gain, rel=0.15)
+
+
+def test_prices_of_a_sequence_have_one_base(held):
+    """What a second impact gains by a faster arm is told in shares of the momentum at the start, as that of the first.
+    """
+    problem, first = held
+    wider = dc.replace(problem, limits=dc.replace(problem.limits, speed=1.01 * problem.limits.speed), unit=None)
+    begun = first.collision.attitude, first.collision.angular_velocity
+    second = plan_strike(problem.begin_after(*begun), starts=2)
+    faster = plan_strike(wider.begin_after(*begun), starts=2, near=[second.place])
+    found = price_sequence(problem, [first, second])
+    gains = [next(one.gain for one in prices if one.key == "arm.speed") for prices in found]
+    before = measure_share(problem, first.collision.angular_velocity)
+    assert before < 0.9
+    left = [measure_share(problem, one.collision.angular_velocity) for one in (second, faster)]
+    assert gains[1] == pytest.approx(left[0] - left[1], rel=0.15)
+    other = dc.replace(problem, goal=Goal(2.0))  # the weight of a goal is no share of it
+    doubled = [dc.replace(one, untouched=2.0, certificate=dc.replace(one.certificate, binding={
+        name: 2.0 * value for name, value in one.certificate.binding.items()})) for one in (first, second)]
+    assert [one.gain for prices in price_sequence(other, doubled) for one in prices] == pytest.approx(
+        [one.gain for prices in found for one in prices], rel=1e-6)
 
 
 def test_limits_that_are_reached_are_told_whether_they_cost_or_not(held, tmp_path):

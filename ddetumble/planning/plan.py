@@ -29,7 +29,7 @@ from .measured import (
     warn_of_extrapolation,
 )
 from .plausibility import check_scenario
-from .prices import Price, list_reached, name_narrowed, price_limits
+from .prices import Price, list_reached, name_narrowed, price_sequence
 from .problem import StrikeProblem, measure_goal, score
 from .robust import plan_robust_strike
 from .rules import Blow, compare_rules
@@ -101,7 +101,8 @@ class Plan(AbstractPrinted):
         ranges: over which the contact was measured.
         misfits: fitted models of the contact that leave more than noise of their own campaigns.
         beyond: the impacts planned without having to stay within these; None where they need not.
-        prices: of every impact, what it would gain if the limits that hold it were looser; empty where all impacts were
+        prices: of every impact, what it would gain if the limits that hold it were looser, in shares of the goal at the
+            start; empty where all impacts were
             optimised together, whose prices stand in `sequence.joint`.
         rules: what simple rules make of the place of the first impact.
         spreads: what errors of the arm and of the estimate make of the first impact, by kind, then of all together.
@@ -374,7 +375,7 @@ def _plan(problem: StrikeProblem, settings: PlanSettings, laws: Laws | None, con
         tell("trying errors of the arm and of the motion", math.nan)
         first = found.impacts[0]
         if found.joint is None or not found.joint.taken:
-            prices = tuple(price_limits(problem.limits, [one], first=k) for k, one in enumerate(found.impacts, 1))
+            prices = price_sequence(problem, found.impacts)
             if wide is not None:
                 prices = tuple(name_narrowed(one, wide.limits, problem.limits) for one in prices)
         rules, spreads = compare_rules(problem, first), try_errors(problem, first, how.errors, how.seed)

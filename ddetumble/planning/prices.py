@@ -15,7 +15,7 @@ import numpy as np
 from .._numerics import scalar
 from .constraints import CONSTRAINTS
 from .multistart import Place, evolve_designs, find_bounds
-from .problem import VARIABLES, Limits, StrikeProblem, allow_speed, score
+from .problem import VARIABLES, Limits, StrikeProblem, allow_speed, measure_goal, score
 from .single import ALLOWED, LEAST_GAIN, LOST, ROUGH, StrikePlan, Tally, ask_scipy, descend, plan_strike
 
 
@@ -40,7 +40,9 @@ class Price:
     key: str  # of the scenario
     change: str  # of the limit, in words
     gain: float  # decrease of what is wanted small, to first order
-    of: str = "goal"  # what that is: the `goal` [-]; of impacts together `share` [-], `impulse` [N s] or `time` [s]
+    # What that is: the `goal`, over what it was at the start [-]; of impacts together `share` [-], `impulse` [N s] or
+    # `time` [s].
+    of: str = "goal"
 
 
 def _widen(limits: Limits, end: int) -> float:
@@ -112,6 +114,19 @@ def price_limits(limits: Limits, plans: Iterable[StrikePlan], of: str = "goal", 
                 found[key, change] = found.get((key, change), 0.0) + gain
     return tuple(sorted((Price(key, change, gain, of) for (key, change), gain in found.items()),
                         key=lambda price: -price.gain))
+
+
+def price_sequence(problem: StrikeProblem, impacts: Iterable[StrikePlan]) -> tuple[tuple[Price, ...], ...]:
+    """Prices of every impact of a sequence that were planned one after the other, all in shares of the goal at the
+    start, although each was planned for what the one before left; of a goal that weighs several quantities they are in
+    proportion to what was left of the whole.
+    """
+    found, left = [], 1.0
+    for number, one in enumerate(impacts, 1):
+        unit = left / one.untouched if one.untouched > 0.0 else 0.0
+        found.append(price_limits(problem.limits, [one], unit=unit, first=number))
+        left = measure_goal(problem, one.collision.angular_velocity)
+    return tuple(found)
 
 
 # Of the limits that `within` may narrow: key and change as above, what it is called then, and its field and end.

@@ -441,8 +441,8 @@ def _show_alternatives(plan: Plan) -> Section:
             for k, prices in enumerate(plan.prices, 1) for price in prices if price.gain > CHEAP]
     if rows:
         tables.append(Table(["impact", "limit", "change", "gain [points]"], rows,
-                            "What a limit costs: hundredths of the goal that the impact would gain if it were a little "
-                            "looser, to first order."))
+                            f"What a limit costs: hundredths of {plan.problem.goal.name()} at the start, that the "
+                            "impact would gain if it were a little looser, to first order."))
     together = [] if joint is None or not joint.taken else [one for one in joint.prices if one.gain > CHEAP]
     if together:
         words, unit, scale = GAINS[together[0].of]
