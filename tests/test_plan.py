@@ -367,7 +367,9 @@ def test_where_no_limit_stands_in_the_way_none_is_named():
 
 
 def test_plans_beyond_what_was_measured_say_so(tmp_path):
-    """A fit over 0.14 to 0.62 m/s plans 2 m/s: headline, table and result say so; within the limits none does."""
+    """A fit over 0.14 to 0.62 m/s plans 2 m/s: headline, table and result say so; within the limits the tangential
+    speed alone is told, which was never measured.
+    """
     fit = Path(__file__).resolve().parent.parent / "fits" / "impact-b"
     text = f"""schema = "ddetumble.plan/1"
 starts = 1
@@ -390,15 +392,19 @@ model = "{fit.as_posix()}"
         assert 0.007 < measured["peak_depression"][1] < 0.009
         (one,) = plan["impacts"]
         outside = {other["quantity"] for other in one["extrapolated"]}
-        assert ({"approach_speed", "peak_depression", "peak_normal_force"} <= outside) if beyond else not outside
-        assert ("impact-b" in plan["sentence"]) == beyond
+        # A fit to normal impacts says nothing of what slides.
+        assert ({"approach_speed", "peak_depression", "peak_normal_force"} <= outside) == beyond
+        assert "tangential_speed" in outside and (beyond or outside == {"tangential_speed"})
+        assert "impact-b" in plan["sentence"]
         page = (out / "report.html").read_text(encoding="utf-8").replace("\u00a0", " ")
         assert page.count("0.621 m/s") == (2 if beyond else 0)
 
 
 def test_a_plan_stays_within_what_was_measured(tmp_path):
-    """With `within`, no value lies outside of the fit's campaign, the plan says what that costs, and the freer search
-    leaves less; a ball that was never measured is refused."""
+    """With `within`, no value lies outside of the fit's campaign but for the tangential speed, which a campaign of
+    normal impacts has nowhere and the plan tells; it says what that costs, and the freer search leaves less; a ball
+    that was never measured is refused.
+    """
     fit = Path(__file__).resolve().parent.parent / "fits" / "impact-b"
     text = """schema = "ddetumble.plan/1"
 starts = 1
@@ -412,8 +418,11 @@ within = "measured"
     (tmp_path / "case.toml").write_text(f'{text}[ball]\nmodel = "{fit.as_posix()}"\n', encoding="utf-8")
     found = dd.plan(tmp_path / "case.toml")
     speed = load(fit).ranges["approach_speed"][1]
-    assert not list_extrapolations(found.ranges, found.impacts) and found.impacts[0].allowed
-    assert list_extrapolations(found.ranges, found.beyond.impacts)
+    (never,) = list_extrapolations(found.ranges, found.impacts)
+    assert never.measured.quantity == "tangential_speed" and never.measured.high == 0.0 and found.impacts[0].allowed
+    assert never.value == float(found.impacts[0].collision.tangential_speed) > 0.0
+    assert "tangential speed" in found.sentence and f"{never.value:.3g} m/s" in found.sentence
+    assert len(list_extrapolations(found.ranges, found.beyond.impacts)) > 1
     assert float(found.impacts[0].collision.approach_speed) <= speed * (1 + 1e-4)
     assert found.beyond.shares[-1] < found.sequence.shares[-1]
     assert f"{100 * found.beyond.shares[-1]:.2f} %" in found.sentence

@@ -25,6 +25,7 @@ from .single import StrikePlan
 
 
 SLACK = 0.02  # of a limit, by which a planned value may lie beyond it; as in predictions
+STILL = 1e-3  # m/s, of the tangential speed, below which nobody would say that a ball slides
 SPAN = 1.0  # s, after which no impact of a campaign lasts: long against any contact, so that nothing is cut
 # What conditions of slip records are of an impact.
 OF_SLIP = {"normal_load": "peak_normal_force", "internal_pressure": "initial_pressure",
@@ -84,13 +85,21 @@ def find_measured_ranges(contacts: Mapping[str, FittedModel]) -> tuple[MeasuredR
 
     Of an impact the depression and force that the fitted model reaches at the campaign's fastest approach count where
     the campaign has no such channel. Of slip records the largest load, pressure and slip speed bound those of an
-    impact, which itself passes through all smaller loads and speeds.
+    impact, which itself passes through all smaller loads and speeds. Where no fit is of anything that slides, the
+    tangential speed was measured at zero alone.
     """
     found: dict[tuple[str, str], MeasuredRange] = {}
     for name, saved in contacts.items():
         for one in list_ranges(saved, name):
             found.setdefault((one.quantity, saved.sha256), one)
-    return tuple(found.values())
+    slid = any(quantity == "tangential_speed" for quantity, _ in found)
+    return (*found.values(), *(MeasuredRange("tangential_speed", 0.0, 0.0, "m/s", name)
+                               for name in list(contacts)[: not slid]))
+
+
+def has_slid(ranges: Sequence[MeasuredRange]) -> bool:
+    """Whether anything that slides was measured, or nothing at all was."""
+    return not any(one.quantity == "tangential_speed" and one.high == 0.0 for one in ranges)
 
 
 def list_ranges(saved: FittedModel, name: str) -> list[MeasuredRange]:
@@ -145,13 +154,16 @@ def list_extrapolations(ranges: Sequence[MeasuredRange], impacts: Sequence[Strik
             "peak_normal_force": float(collision.peak_force)}
         for one in ranges:
             value = values.get(one.quantity)
-            if value is not None and not one.low - SLACK * abs(one.low) <= value <= one.high + SLACK * abs(one.high):
+            slack = STILL if one.quantity == "tangential_speed" else 0.0
+            if value is not None and not (
+                    one.low - SLACK * abs(one.low) <= value <= max(one.high + SLACK * abs(one.high), slack)):
                 found.append(Extrapolation(number, value, one))
     return tuple(found)
 
 
 def confine(problem: StrikeProblem, ranges: Sequence[MeasuredRange]) -> StrikeProblem:
-    """The problem with limits no wider than what was measured.
+    """The problem with limits no wider than what was measured. Where nothing that slides was measured the tangential
+    speed is not limited, as nearly every blow on a body that turns slides.
 
     Raises:
         InputError: Nothing was measured, or none of it lies within the limits.
@@ -167,7 +179,7 @@ def confine(problem: StrikeProblem, ranges: Sequence[MeasuredRange]) -> StrikePr
             low, high = max(low, one.low), min(high, one.high)
         if one.quantity == "approach_speed":
             kept["approach"] = max(kept["approach"], one.low)
-        if one.quantity in LIMITED:
+        if one.quantity in LIMITED and one.high > 0.0:
             kept[LIMITED[one.quantity]] = min(kept[LIMITED[one.quantity]], one.high)
     for name, least, most, unit in (("initial_pressure", low, high, "Pa"),
                                     ("approach_speed", kept["approach"], kept["fastest"], "m/s")):
@@ -184,8 +196,8 @@ def format_extrapolation(found: Extrapolation) -> str:
     quantity = one.quantity.removeprefix("peak_")
     high = say_value(quantity, one.high, one.unit)
     low = "up to" if one.low == 0 else f"{say_value(quantity, one.low, one.unit).split()[0]} to"
-    name = describe_quantity(quantity).name
-    return f"{name} {say_value(quantity, found.value, one.unit)} (measured {low} {high})"
+    told = f"measured {low} {high}" if one.high else "never measured"
+    return f"{describe_quantity(quantity).name} {say_value(quantity, found.value, one.unit)} ({told})"
 
 
 def warn_of_extrapolation(ranges: Sequence[MeasuredRange], impacts: Sequence[StrikePlan], conditions=None) -> str:
@@ -198,4 +210,7 @@ def warn_of_extrapolation(ranges: Sequence[MeasuredRange], impacts: Sequence[Str
         return ""
     fits = join_words(list(dict.fromkeys(Path(one.fit).name for one in worst)))
     told = join_words([format_extrapolation(one) for one in worst.values()])
-    return f"The plan extrapolates beyond what {fits} was fitted to: {told}. Measure there, or narrow the limits."
+    limited = any(one.high for one in worst)
+    where = "there" if limited else "oblique impacts or slip records, to which friction can be fitted"
+    return (f"The plan extrapolates beyond what {fits} was fitted to: {told}. Measure {where}"
+            f"{', or narrow the limits' if limited else ''}.")

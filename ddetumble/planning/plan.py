@@ -25,6 +25,7 @@ from .measured import (
     confine,
     find_contacts,
     find_measured_ranges,
+    has_slid,
     list_misfits,
     warn_of_extrapolation,
 )
@@ -206,7 +207,7 @@ class Plan(AbstractPrinted):
                 plain=self.aim == "best" and self.settings.least == "impacts"),
             say("plan.misfits", misfits=self.misfits) if self.misfits else "", *self.doubts,
             say("plan.outcome", goal=goal.name(), momentum=momentum, wide=self.goal_beyond, found=found,
-                share=share, worth=worth, erring=erring, raised=RAISED,
+                slid=has_slid(self.ranges), share=share, worth=worth, erring=erring, raised=RAISED,
                 most=NAMES[most[0]] if len(most) == 1 else "", beyond=self.beyond,
                 confined=self.confined, aim=self.aim,
                 plain=self.settings.errors.plan_for == "best",

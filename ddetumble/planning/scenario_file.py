@@ -219,7 +219,9 @@ class LimitTable(Strict):
         default=None, description="largest distance of first touch from `target` [m].")
     within: Literal["", "measured"] = Field(
         default="", description="`measured`: the plan stays within what the contact model was fitted to (pressure, "
-        "approach and tangential speed, force and depression), and says what that costs.")
+        "approach and tangential speed, force and depression), and says what that costs. Where nothing that slides was "
+        "fitted, as with a ball of normal impacts alone, the tangential speed is not limited (nearly every blow on a "
+        "body that turns slides), and the answer and `extrapolated` say that it was never measured.")
 
     @pydantic.model_validator(mode="after")
     def _check(self):
