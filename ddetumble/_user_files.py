@@ -79,12 +79,12 @@ def trust_file(path: Path) -> None:
             lines.write(f"{line}\n")
 
 
-def require_trust(path: Path, named_by: Path) -> None:
+def require_trust(path: Path, named_by: Path | None = None) -> None:
     """Refuse to run a file that only data name.
 
     Args:
         path: of the Python file.
-        named_by: the file or folder that names it.
+        named_by: the file or folder that names it; None where the caller says so.
 
     Raises:
         InputError: The user has never named the file.

@@ -21,6 +21,7 @@ from ddetumble.dynamics.surfaces import Debris, make_debris, make_polytope
 from ddetumble.planning.errors import err_problem
 from ddetumble.planning.execution import draw_errors, follow_errors, try_errors
 from ddetumble.planning.plan import Plan, PlanSettings
+from ddetumble.planning.plausibility import check_scenario
 from ddetumble.planning.prices import REACHED, Price, list_reached, name_narrowed, price_limits, price_sequence
 from ddetumble.planning.problem import Goal, Limits, StrikeProblem, drift, measure_share, score
 from ddetumble.planning.rules import compare_rules
@@ -200,6 +201,14 @@ def test_a_face_and_an_area_to_strike(tmp_path):
     assert small.allowed and small.face == "upper end"
     assert np.linalg.norm(np.asarray(small.design.point) - [0.3, 0.0, 1.5]) <= 0.2 * (1 + 1e-4)
     assert small.score >= face.score - 1e-3
+    far = SCENARIO + "[limits]\ntarget = [5.0, 0.0, 0.0]\ntarget_radius = "  # four metres off the side
+    with pytest.raises(dd.InputError) as refused:
+        read(tmp_path, far + "3.9\n")
+    assert refused.value.key == "limits.target"
+    for text, doubted in ((far + "4.1\n", ["limits.target"]), (SCENARIO + area, [])):
+        read(tmp_path, text)
+        scenario = read_scenario(tmp_path / "case.toml")
+        assert [one.variable for one in check_scenario(scenario, tmp_path)] == doubted
     with pytest.raises(dd.InputError, match="upper end") as refused:
         read(tmp_path, SCENARIO + '[limits]\nfaces = ["top"]\n')
     assert refused.value.key == "limits.faces"
@@ -317,7 +326,7 @@ def test_errors_of_a_sequence(held):
         np.testing.assert_allclose([one.mean, one.q95], share, atol=1e-5)
         assert (one.missed, one.violated) == (0.0, 0.0)
     astray = follow(place=1e4, draws=8)
-    assert [one.missed for one in astray] == [1.0, 1.0] and [one.mean for one in astray] == [1.0, 1.0]
+    assert [(one.missed, one.untaken, one.mean) for one in astray] == [(1.0, 1.0, 1.0)] * 2
     assert follow(speed=0.3)[0].mean > planned[0] and follow(inertia=0.2, rates=0.1)[1].mean > planned[1]
 
 
@@ -358,6 +367,15 @@ def test_what_waiting_costs_is_told_with_its_key(held):
     assert {key: "limits.window" in text for key, text in told.items()} == {key: key[0] == "rates" for key in told}
     assert {key: "goal.share" in text for key, text in told.items()} == {key: key[1] == 4 for key in told}
     assert "goal.share" not in dc.replace(found, sequence=dc.replace(sequence, shares=(1e-5,))).sentence
+
+
+def test_in_how_many_cases_nothing_is_taken_is_told(held):
+    """Where that is more than one case in twenty, its share is what the answer says."""
+    problem, plan = held
+    one = dc.replace(try_errors(problem, plan, ErrorTable(draws=8))[-1], mean=0.5, q95=1.0, raised=0.0, untaken=0.23)
+    found = Plan(problem, PlanSettings(), add_up(problem, [plan], 0.01), spreads=(one,))
+    assert "23 %" in found.sentence
+    assert "23 %" not in dc.replace(found, spreads=(dc.replace(one, q95=0.9, goal_q95=0.9, goal=0.5),)).sentence
 
 
 def test_an_erring_impact_has_slopes(held):
@@ -413,6 +431,11 @@ def test_a_goal_of_ones_own(tmp_path):
     rates = np.array([0.01, -0.02, 0.04])
     energy = 0.5 * rates @ np.asarray(problem.debris.inertia) @ rates
     assert float(score(problem, jnp.asarray(rates))) == pytest.approx(energy, rel=1e-12)
+    (tmp_path / "others.py").write_text("def energy(rates, inertia):\n    return rates @ inertia @ rates\n")
+    with pytest.raises(dd.InputError, match="ddetumble trust") as refused:
+        (tmp_path / "others.toml").write_text(SCENARIO + '[goal]\nfunction = "others.py:energy"\n')
+        dd.plan(tmp_path / "others.toml")
+    assert (refused.value.file, refused.value.key) == (str(tmp_path / "others.toml"), "goal.function")
     for name, key in (("goals.py:nothing", "goal.function"), ("energy", "goal.function")):
         with pytest.raises(dd.InputError) as refused:
             read(tmp_path, SCENARIO + f'[goal]\nfunction = "{name}"\n')

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 
 from ..dynamics.surfaces import make_debris
@@ -13,6 +14,7 @@ from .scenario_file import Scenario
 # From the smallest CubeSats to beyond the largest satellites, for which no scenario of one ball is meant [m].
 SIZE = (0.05, 50.0)
 DENSITY = (1.0, 2.5e4)  # from satellites with folded-out arrays, taken for one box, to solid heavy metal [kg/m³]
+OFF = (0.0, 0.05)  # of the body's extent, by which the middle of an area to strike may lie off the surface
 # A turn in days to one in a second, at which spinning satellites were released: debris tumbles far more slowly [rad/s].
 RATE = (1e-5, 6.3)
 # Moments of inertia over those of uniform density: all mass on the surface makes 3, masts and arrays beyond it more.
@@ -21,7 +23,7 @@ PROPORTION = (0.05, 6.0)
 
 def check_scenario(scenario: Scenario, here: Path) -> tuple[Implausibility, ...]:
     """Find implausible sizes in a scenario whose files lie in the folder `here`: of the body its size, density, moments
-    of inertia and angular velocity; of ball and arm pressure, mass and speed.
+    of inertia and angular velocity; of ball and arm pressure, mass and speed; an area to strike that lies off the body.
 
     Returns:
         What should be asked about, none where all is ordinary; of size and density, of which one follows from the
@@ -50,6 +52,10 @@ def check_scenario(scenario: Scenario, here: Path) -> tuple[Implausibility, ...]
     for pressure in scenario.limits.pressure:
         found.append(_doubt("limits.pressure", "an initial pressure", float(pressure), RANGES["initial_pressure"],
                             "Pa", "is that absolute, and in Pa?"))
+    if scenario.limits.target is not None:
+        off = abs(float(uniform.surface.find_foot(jnp.asarray(scenario.limits.target, float)).distance))
+        found.append(_doubt("limits.target", "the distance of the target from the surface, over the body's extent",
+                            off / size, OFF, "1", "is it in the coordinates of the shape, and in metres?"))
     if arm.mass is not None:
         found.append(_doubt("arm.mass", "the apparent mass", float(arm.mass), RANGES["moving mass"], "kg",
                             "is that in kg?"))

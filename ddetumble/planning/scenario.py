@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._errors import InputError
+from .._errors import InputError, error_place
 from .._numerics import scalar
 from .._rotation import rotate_back
 from .._settings import name_folder
@@ -196,7 +196,8 @@ def _load_function(name: str, here: Path) -> Callable:
     own = split_name(name)
     if own is None:
         raise InputError(f"{name!r} is not of the form FILE.py:NAME", key="goal.function")
-    require_trust(here / own[0], here)
+    with error_place(key="goal.function"):
+        require_trust(here / own[0])
     found = getattr(run_file(here / own[0]), own[1], None)
     if not callable(found):
         raise InputError(f"{own[0].name} has no function {own[1]!r}", key="goal.function")
@@ -243,9 +244,16 @@ def pose_problem(scenario: Scenario, here: Path, laws: Laws | None = None) -> St
     given = scenario.limits.model_dump(exclude={"within", "faces", "target", "target_radius"})
     if scenario.limits.faces:
         given["faces"] = _find_faces(scenario.limits.faces, debris.surface.face_names())
-    if scenario.limits.target is not None:
+    radius = scenario.limits.target_radius
+    if scenario.limits.target is not None and radius is not None:
         given["target"] = np.asarray(scenario.limits.target, dtype=float) - np.asarray(table.centre, dtype=float)
-        given["radius"] = scenario.limits.target_radius
+        given["radius"] = radius
+        # Of a body with edges no less than this, and outside of a corner more.
+        off = abs(float(debris.surface.find_foot(jnp.asarray(given["target"])).distance))
+        if off > radius:
+            raise InputError(f"no place of the body is so near to the target, which is {off:.4g} m from its surface, "
+                             f"while target_radius is {radius:g} m; state a target on the surface, in the "
+                             "coordinates of the shape", key="limits.target")
     limits = Limits(**given, speed=arm.speed, chaser=chaser / np.linalg.norm(chaser),
                     cone=np.radians(arm.cone_degrees), clearance=arm.clearance_time)
     law = mount_law(scenario, *load_laws(scenario.ball, here)) if laws is None else laws.main

@@ -214,7 +214,8 @@ class LimitTable(Strict):
         "and `lower end`, a box `+x` to `-z`, a mesh `face 1`, ...")
     target: Places | None = Field(
         default=None, description="centre of the area that may be struck, in the coordinates of the shape (from the "
-        "centre of mass of uniform density) [m].")
+        "centre of mass of uniform density) [m]; refused where no place of the surface is so near to it as "
+        "`target_radius`.")
     target_radius: Length | None = Field(
         default=None, description="largest distance of first touch from `target` [m].")
     within: Literal["", "measured"] = Field(
