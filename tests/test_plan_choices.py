@@ -369,6 +369,16 @@ def test_what_waiting_costs_is_told_with_its_key(held):
     assert "goal.share" not in dc.replace(found, sequence=dc.replace(sequence, shares=(1e-5,))).sentence
 
 
+def test_no_share_of_the_momentum_is_wanted_where_none_was_asked_for(held):
+    """A sequence for the energy ends at a share of the momentum, which is called wanted only where it was stated."""
+    problem, plan = held
+    sequence = dc.replace(add_up(problem, [plan], 0.01), joint=Joint("impacts", False, 1, 0.2, 1.0, 1.0, (1, 0.2, 1.0,
+                                                                                                         1.0)))
+    for goal, share, wanted in ((Goal(0.0, 1.0), 0.01, False), (Goal(0.0, 1.0), 0.02, True), (Goal(), 0.01, True)):
+        found = Plan(dc.replace(problem, goal=goal), PlanSettings(2, share), sequence)
+        assert found.asked == wanted and ("wanted" in found.sentence) == wanted
+
+
 def test_in_how_many_cases_nothing_is_taken_is_told(held):
     """Where that is more than one case in twenty, its share is what the answer says."""
     problem, plan = held
