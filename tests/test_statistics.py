@@ -5,14 +5,19 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy import sparse, stats
+from scipy import optimize, sparse, stats
 from scipy.interpolate import BSpline
 from scipy.linalg import block_diag
 
 from ddetumble._errors import ComputationError
 from ddetumble.inference import distributions, smooth
 from ddetumble.inference.goodness import combine_p_values, judge_goodness, judge_values, weigh_shifts
-from ddetumble.inference.identifiability import measure_values, weigh_priors
+from ddetumble.inference.identifiability import (
+    list_disputed,
+    measure_values,
+    release_priors,
+    weigh_priors,
+)
 from ddetumble.inference.noise import Noise
 from ddetumble.inference.problem import Solution
 from ddetumble.inference.smooth import measure_smooth
@@ -571,19 +576,64 @@ def test_distance_of_a_prior_from_what_the_rest_says(weight):
     assert not weigh_priors(Linear(9).solve()).any()
 
 
+class Posed:
+    """A problem whose fit `solve` returns, given which of its parameters have a prior."""
+
+    space = SimpleNamespace(commons=())
+
+    def __init__(self, names, counted, solve):
+        self.priors = {name: (0.0, 1.0) for name in names}
+        self.records = SimpleNamespace(count=len(counted), stack=SimpleNamespace(weights=counted))
+        self._solve = solve
+
+    def solve(self, names, u, z, max_steps):
+        return self._solve(np.array([name in self.priors for name in names]))
+
+
 def test_a_prior_that_values_disagree_with_is_let_go():
     """Far from its prior a parameter leaves what it leaves without one; near it, what the fit leaves."""
     linear, free = Linear(8, weight=1.0), Linear(8)
-    records = SimpleNamespace(count=RECORDS, stack=SimpleNamespace(weights=np.ones((RECORDS, 1, ROWS))))
-    near = linear.solve()
+
+    def solve(held):
+        linear.weight = 1.0 * held
+        return linear.solve()
+
+    problem, near = Posed(NAMES, np.ones((RECORDS, 1, ROWS)), solve), linear.solve()
     assert np.all(np.abs(near.prior_residual) < 3.0)
     left = float(np.sum(near.residual**2) + np.sum(near.z**2))
-    assert measure_values(SimpleNamespace(records=records), near)[0] == pytest.approx(left, rel=1e-9)
+    assert measure_values(problem, near)[0] == pytest.approx(left, rel=1e-9)
     for one in (linear, free):  # the truth at ten of these deviations
         one.error -= one.jacobian @ np.full(SHARED, 10.0)
-    total, degrees = measure_values(SimpleNamespace(records=records), linear.solve())
+    far = solve(np.ones(SHARED))
+    total, degrees = measure_values(problem, far)
     assert total == pytest.approx(free.fit()[2], rel=1e-9)
     assert degrees == pytest.approx(RECORDS * ROWS - SHARED, rel=1e-12)
+    assert release_priors(problem, far)[0] == pytest.approx(weigh_priors(far), rel=1e-6)  # a linear model's refit
+
+
+@pytest.mark.parametrize(("height", "disputed"), [(1.0, False), (5.0, True)])
+def test_a_prior_in_a_valley_that_levels_off(height, disputed):
+    """One value, 48 deviations from a model that can make up for less than `height` of them, far from its prior.
+
+    The slope at the fit promises that all of it can go; a refit says how little does.
+    """
+    def fit(held):
+        def left(x):
+            return np.append(48.0 - height * np.tanh(x), held * x)
+
+        x = optimize.least_squares(left, [1.0], bounds=([0.0], [12.0]), xtol=1e-14, gtol=1e-14, ftol=1e-14).x
+        residual, slope, none = left(x), -height / np.cosh(x) ** 2, np.zeros((1, 1, 1))
+        return Solution(("p0",), x, np.zeros((1, 0)), np.ones(1), residual[None, :1], slope[None, None],
+                        np.zeros((1, 1, 0)), none, none[0], none[0], np.zeros(1), residual[1:], 1.0 * held,
+                        float(np.sum(residual**2)), True, 1, ())
+
+    problem, solution = Posed(("p0",), np.ones((1, 1, 1)), fit), fit(np.ones(1))
+    assert abs(weigh_priors(solution)[0]) > 40.0
+    apart = release_priors(problem, solution)[0][0]
+    assert abs(apart) == pytest.approx(np.sqrt(solution.chi2 - fit(np.zeros(1)).chi2), rel=1e-6)
+    assert list_disputed(problem, solution) == (("p0",) if disputed else ())
+    total, _ = measure_values(problem, solution)
+    assert total == pytest.approx((48.0 - height) ** 2 if disputed else solution.residual[0, 0] ** 2, rel=1e-6)
 
 
 @pytest.mark.parametrize(("free_running", "alike", "apart"), [(False, 2e-7, 1e-6), (True, 3e-6, 1e-4)])

@@ -213,7 +213,7 @@ def _fit(campaign: Campaign, wanted: Specification, resolved: ResolvedModel, set
                 for fault in faults if fault.kind not in STAYING)]
     return summarise_fit(campaign, resolved.name, tuple(e.id for e in chosen), problem, best, origin, measured,
                          settings, wanted.nuisances,
-                         (*warnings, *worse, *describe_assumed(space, assumed, best.solution), *doubts),
+                         (*warnings, *worse, *describe_assumed(problem, assumed, best.solution), *doubts),
                          steps=sum(taken), starts=len(starts))
 
 

@@ -1,5 +1,6 @@
 """What the data cannot tell apart: combinations of parameters that hardly change the records, and what would help."""
 
+import copy
 import dataclasses as dc
 import math
 from collections.abc import Mapping, Sequence
@@ -35,6 +36,7 @@ REACH = {
 }  # fmt: skip
 LEAST_PRESSURE = 2e5  # Pa, absolute: with less than the atmosphere over that outside a ball is hardly inflated
 SINGULAR = 1e-7  # of the largest singular value of columns of unit length, below which one is rounding
+STEPS = 100  # of a refit without a prior, at most: without it a valley may be long
 DISAGREES = 3.0  # deviations of a prior, beyond which values are said to disagree with it: by chance one in 370
 DEPRESSION_SD = 2e-5  # m, of a displacement gauge; `design` assumes the same
 # Typical changes that the prior of a parameter of series is wide, and which it has to have gone to have one: Eq. 10's
@@ -223,35 +225,55 @@ def weigh_priors(solution: Solution) -> np.ndarray:
     return np.where(told > SINGULAR, solution.prior_residual / np.sqrt(np.maximum(told, SINGULAR)), 0.0)
 
 
+def release_priors(problem: Problem, solution: Solution) -> tuple[np.ndarray, Solution]:
+    """How far priors are from what all else says, as `weigh_priors`, and the fit without those that it disagrees with.
+
+    Linear algebra only says which to ask about: a valley that bends, or ends, is not where its slope points. What
+    stands is the root of what chi-square falls by in a refit without the prior (the same of a linear model).
+    """
+    away = weigh_priors(solution)
+    for k in np.flatnonzero(np.abs(away) > DISAGREES):
+        alone = _fit_without(problem, solution, (solution.names[k],))
+        away[k] = math.copysign(math.sqrt(max(solution.chi2 - alone.chi2, 0.0)), away[k])
+    gone = tuple(name for name, far in zip(solution.names, away, strict=True) if abs(far) > DISAGREES)
+    return away, _fit_without(problem, solution, gone) if gone else solution
+
+
+def _fit_without(problem: Problem, solution: Solution, gone: tuple[str, ...]) -> Solution:
+    """The fit again without the priors of these parameters; as it was, where that leaves no less."""
+    bare = copy.copy(problem)
+    bare.priors = {name: prior for name, prior in problem.priors.items() if name not in gone}
+    found = bare.solve(solution.names, solution.u, solution.z, max_steps=STEPS)
+    return solution if found.failed or not found.chi2 < solution.chi2 else found
+
+
 def measure_values(problem: Problem, solution: Solution) -> tuple[float, float]:
     """Chi-square of values and their settings, of which there are few, and its degrees of freedom.
 
     A parameter that its prior determines takes none of them: they are the values less the trace of the hat matrix. A
-    prior that the values disagree with is let go, by linear algebra, as what it leaves is no misfit of the model.
+    prior that the values disagree with is let go, by a refit, as what it leaves is no misfit of the model.
     """
-    columns, right = solution.projected()
-    columns, right = columns.reshape(right.size, columns.shape[2]), right.ravel()
-    weights = np.where(np.abs(weigh_priors(solution)) > DISAGREES, 0.0, solution.prior_weight)
-    left = _span(np.concatenate([columns, np.diag(weights)]))
-    side = np.concatenate([right, solution.prior_residual * (weights > 0)])
-    after = (side - left @ (left.T @ side))[: right.size]
+    alone = release_priors(problem, solution)[1]
+    columns, right = alone.projected()
+    left = _span(np.concatenate([columns.reshape(right.size, columns.shape[2]), np.diag(alone.prior_weight)]))
     counted = float(np.sum(np.asarray(problem.records.stack.weights)[: problem.records.count] > 0))
-    return float(np.sum(after**2)), counted - float(np.sum(left[: right.size] ** 2))
+    return float(np.sum(right**2)), counted - float(np.sum(left[: right.size] ** 2))
 
 
 def list_disputed(problem: Problem, solution: Solution) -> tuple[str, ...]:
     """Parameters whose priors the records disagree with; errors that all records share are none."""
     common = {one.slot.name for one in problem.space.commons}
-    return tuple(name for name, away in zip(solution.names, weigh_priors(solution), strict=True)
+    return tuple(name for name, away in zip(solution.names, release_priors(problem, solution)[0], strict=True)
                  if name in problem.priors and name not in common and abs(away) > DISAGREES)
 
 
-def describe_assumed(space: ParameterSpace, priors: Mapping[str, tuple[float, float]], solution: Solution
+def describe_assumed(problem: Problem, priors: Mapping[str, tuple[float, float]], solution: Solution
                      ) -> tuple[str, ...]:
     """These priors in sentences, and which of them the values disagree with at a fit."""
     if not priors:
         return ()
-    found, apart = [], dict(zip(solution.names, np.abs(weigh_priors(solution)), strict=True))
+    found, space = [], problem.space
+    apart = dict(zip(solution.names, np.abs(release_priors(problem, solution)[0]), strict=True))
     for name, (mean, sd) in priors.items():
         transform = space.parameter(name).transform
         low, high = transform.interval(mean - sd, mean + sd)

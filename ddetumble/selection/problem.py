@@ -382,7 +382,7 @@ def fit_reference(selection: SelectionProblem) -> tuple[SelectionProblem, Fitted
             solution = _require(selection, selection.problem.solve(selection.base, solution.u, solution.z))
         if not has_more_hum(before, noise):
             break
-    told = (*selection.warnings, *describe_assumed(selection.space, priors, solution))
+    told = (*selection.warnings, *describe_assumed(selection.problem, priors, solution))
     selection = dc.replace(selection.span(solution), lost=is_lost(selection.problem, solution), warnings=told)
     return selection, selection.file((), solution)
 
