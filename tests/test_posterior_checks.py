@@ -378,6 +378,21 @@ def test_weigh_and_predict(tmp_path, capsys):
 
 
 @pytest.mark.slow
+def test_weights_of_models_that_are_all_wrong():
+    """Records that no rival describes, at some of which scores are unreliable: both are told, beside the weights that
+    the others alone give."""
+    found = average("paper/table-3", ["wall-stiffness", "none"])
+    scores = [one.scores for one in found.rivals]
+    kept = np.all([[s.trusted for s in one.scores] for one in scores], axis=0)
+    assert found.misfit and found.rivals[0].name == "wall-stiffness" and 0 < kept.sum() < len(kept)
+    alone = stack_weights(np.stack([one.values for one in scores], axis=1)[kept])
+    assert [one.trusted_weight for one in found.rivals] == pytest.approx(list(alone), abs=1e-3)
+    lowest = min(one.fit.chi2_reduced for one in found.rivals)
+    assert f"{lowest:.3g}" in found.sentence and found.to_dict()["misfit"] is True
+    assert any(all(f"{one.name} {one.trusted_weight:.2f}" in note for one in found.rivals) for note in found.notes)
+
+
+@pytest.mark.slow
 def test_report_of_a_posterior(fits, tmp_path):
     """An examined posterior goes into files, and into a page whose first sentence is the answer."""
     import arviz_base  # noqa: F401

@@ -33,6 +33,7 @@ from ..inference.noise import Noise
 from ..inference.problem import Problem
 from ..inference.stack import stack_records
 from ..measurement.campaign import Campaign
+from ..measurement.quantities import join_words
 from .loo import COSTLY, Scores, add_up, limit_shape, score_conditions, smooth_weights
 from .proposal import Mixture, describe_draws, seed_random, start_mixture
 from .target import TOO_UNCERTAIN, CampaignTarget, pose_fit
@@ -65,6 +66,7 @@ class Rival:
     fit: Fit  # all rivals under the same noise
     scores: Scores  # left-out conditions
     weight: float  # by stacking
+    trusted_weight: float  # over the conditions alone whose scores can be trusted of every rival; nan without such
     difference: float  # of its elpd from that of the best; negative or 0
     standard_error: float  # of the difference, from its scatter over conditions
     outcome: Outcome  # of the comparison with the best (`compare_rivals`)
@@ -97,6 +99,14 @@ class ModelWeights(AbstractPrinted):
         """By name of the rival."""
         return {one.name: one.weight for one in self.rivals}
 
+    @property
+    def misfit(self) -> bool:
+        """Whether every rival leaves more than the noise explains.
+
+        Elpd then differs by hundreds at single conditions, of which stacking counts no more than who is nearer.
+        """
+        return all(one.fit.goodness.misfit for one in self.rivals)
+
     def __str__(self) -> str:
         """The report."""
         rows = [("", "weight", "elpd", "elpd difference", "std. error", "largest k", "refits", "chi2/dof")]
@@ -112,9 +122,10 @@ class ModelWeights(AbstractPrinted):
         conditions = [{"conditions": one.conditions, "records": one.records} for one in self.rivals[0].scores.scores]
         return make_plain({
             "schema": SCHEMA, "campaign": self.campaign, "sha256": self.sha256, "model": self.model,
-            "sentence": self.sentence, "notes": self.notes, "left_out": conditions,
+            "sentence": self.sentence, "notes": self.notes, "misfit": self.misfit, "left_out": conditions,
             "rivals": [{
                 "name": one.name, "folder": one.folder, "effects": one.fit.effects, "weight": one.weight,
+                "trusted_weight": one.trusted_weight,
                 "elpd": one.scores.elpd, "elpd_standard_error": one.scores.standard_error,
                 "difference": one.difference, "standard_error": one.standard_error, "outcome": one.outcome,
                 "chi2_reduced": one.fit.chi2_reduced, "text": one.scores.text,
@@ -276,22 +287,26 @@ def average_fits(fits: Sequence[Fit], report: Progress, seed: int = 0, notes: Se
                                        report=lambda text, share, tell=tell: tell(text, 0.4 + 0.6 * share)))
     elpd = np.stack([one.values for one in scores], axis=1)
     weights, totals = stack_weights(elpd), elpd.sum(axis=0)
+    kept = np.all([[s.trusted for s in one.scores] for one in scores], axis=0)
+    trusted = stack_weights(elpd[kept]) if kept.any() else np.full(len(fits), np.nan)
     compared = compare_rivals(elpd, weights)
     rivals = []
     for k in np.argsort(-totals, kind="stable"):
         folder = "".join(c if c.isalnum() or c in "+-_" else "-" for c in names[k])[:100]
-        rivals.append(Rival(names[k], folder, fits[k], scores[k], float(weights[k]), *compared[k]))
+        rivals.append(Rival(names[k], folder, fits[k], scores[k], float(weights[k]), float(trusted[k]), *compared[k]))
     notes = list(notes)
     if len(elpd) < FEW:
         notes.append(f"With only {len(elpd)} conditions the standard errors, and hence the weights, are themselves "
                      "rough.")
     if doubtful := [one.name for one in rivals if not all(s.trusted for s in one.scores.scores)]:
-        notes.append(f"Some scores of {', '.join(doubtful)} are unreliable, because single conditions determine what "
-                     "the others do not (see pareto_k in weights.json).")
+        note = (f"{np.sum(~kept)} of {len(kept)} conditions have unreliable scores under {join_words(doubtful)}, "
+                "because they determine what the others do not (see pareto_k in weights.json)")
+        told = join_words([f"{one.name} {one.trusted_weight:.2f}" for one in rivals])
+        notes.append(f"{note}; without these conditions the weights are {told}." if kept.any() else f"{note}.")
     notes.append("The weights are those of a mixture for prediction, not probabilities of the models; none of the "
                  "rivals need be right.")
-    return ModelWeights(fits[0].campaign, fits[0].sha256, fits[0].model, tuple(rivals), _say(rivals, len(elpd)),
-                        tuple(notes))
+    found = ModelWeights(fits[0].campaign, fits[0].sha256, fits[0].model, tuple(rivals), "", tuple(notes))
+    return dc.replace(found, sentence=_say(found, len(elpd)))
 
 
 def fit_again(found: Fit, noise: dict[str, Noise] | Any) -> Fit:
@@ -375,12 +390,13 @@ def compare_rivals(elpd: np.ndarray, weights: np.ndarray) -> list[tuple[float, f
     return found
 
 
-def _say(rivals: Sequence[Rival], conditions: int) -> str:
+def _say(found: ModelWeights, conditions: int) -> str:
     groups = {"preferred": [], "within": [], "near": [], "alike": []}
-    for one in rivals[1:]:
+    for one in found.rivals[1:]:
         nearby = "within" if -one.difference <= ERRORS * one.standard_error else "near"
         groups[{"preferred": "preferred", "favoured": nearby}.get(one.outcome, "alike")].append(one)
-    return str(say("posterior.weights", rivals=rivals, conditions=conditions, errors=ERRORS, least=LEAST, **groups))
+    return str(say("posterior.weights", rivals=found.rivals, misfit=found.misfit, conditions=conditions, errors=ERRORS,
+                   least=LEAST, **groups))
 
 
 def name_rival(effects: Sequence[str]) -> str:
