@@ -8,6 +8,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from ddetumble._errors import InputError
+from ddetumble._sentences import tell
 from ddetumble._settings import find_data
 from ddetumble.contact.law import Ball
 from ddetumble.dynamics.curves import normal_force
@@ -104,6 +105,13 @@ def test_contradictions_are_all_there(points):
 def test_numbers_of_the_points(points, row, name, value, within):
     """Numbers worked out beforehand by hand; 2.4 % was found for the first range, which is 2.34 %."""
     assert points[row]["values"][name] == pytest.approx(value, abs=within)
+
+
+def test_the_core_counted_twice_takes_from_the_force():
+    """The point says so of its own numbers: fewer newtons as printed are less, more are more."""
+    told = [tell("paper.point_2", v={"share_percent": share}, force={"printed": 46.0 - share, "ours": 46.0})[-1]
+            for share in (1.0, -1.0)]
+    assert [one.split()[-1] for one in told] == ["less.", "more."]
 
 
 @pytest.mark.study
