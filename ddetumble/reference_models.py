@@ -90,8 +90,10 @@ SLIP_MODELS: dict[str, BuiltinModel] = {
         f"f = mu F_n, {_EQ8} + {_EQ9}", "the paper, Eqs. 8 to 11 as printed",
         partial(_rubber, printed=True), rival=False),
     "eq10": BuiltinModel(
-        "Eqs. 8 to 11 with the coefficients of Eq. 10 free (e held at 1), to be fitted to measured curves.",
-        f"f = mu F_n, {_EQ8} + mu_slip(s) of Eq. 9; a linear, b, c and d quadratic in F_n", "the paper, Eqs. 8 to 11",
+        "Eqs. 8 to 11 with the coefficients of Eq. 10 free (e held at 1), to be fitted to measured curves; written "
+        "about 15 N (a_0 is a there), and Eq. 10's own a0, a1, b0 ... are among the derived quantities of a fit.",
+        f"f = mu F_n, {_EQ8} + mu_slip(s) of Eq. 9; a linear, b, c and d quadratic in x = (F_n - 15 N)/(10 N)",
+        "the paper, Eqs. 8 to 11",
         _curves, rival=False),
     "eq8": BuiltinModel("Eq. 8 alone, without the slip term.", f"f = mu F_n, {_EQ8}", "the paper, Eq. 8",
                         _adhesion),

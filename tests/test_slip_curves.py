@@ -12,6 +12,8 @@ import pytest
 from scipy import interpolate, optimize, stats
 
 import ddetumble as dd
+from ddetumble.contact.effect import parameters_of
+from ddetumble.contact.sliding import SlipCurves
 from ddetumble.measurement.campaign import Column, Uncertainty
 from ddetumble.selection.coefficient import trace_coefficients
 
@@ -332,6 +334,18 @@ def test_curves_with_free_coefficients_begin_at_the_paper():
             forces = [dd.dynamics.simulate_sliding(one.extend(()), given, jnp.array([slip]), jnp.ones(1))
                       for one in (model, paper)]
             np.testing.assert_allclose(forces[0].tangential_force, forces[1].tangential_force, rtol=1e-10)
+
+
+def test_what_a_coefficient_is_stands_beside_it():
+    """At 15 N, or per step of 10 N from there; what the paper prints is named, and is derived, where it differs."""
+    for one in parameters_of(SlipCurves):
+        kind, _, power = one.name.rpartition("_")
+        if not power.isdigit():
+            continue
+        assert "15 N" in one.text and ("10 N" in one.text) == (power != "0")
+        assert (f"{kind}0" in one.text) == (power == "0" and kind in ("a", "c", "e"))
+    begun = {name: float(value) for name, (value, _) in SlipCurves().derive().items()}
+    assert begun["a0"] == pytest.approx(EQ_10["a0"]) and float(SlipCurves().a_0) == pytest.approx(0.49509)
 
 
 @pytest.mark.slow

@@ -162,7 +162,9 @@ def _centre(name: str) -> tuple[float, float, float]:
 
 def _slope(name: str, power: int, unit: str, typical: float, text: str, free: bool = True) -> Any:
     """A coefficient of a polynomial in x, from Eq. 10's own value on; of e, which is held, from 1 on."""
-    part = ("", " per x", " per x^2")[power]
+    there = f"at {MIDDLE:g} N" + ("" if "+" in name or "-" in name else f"; {name}0 of Eq. 10, at no load, is derived")
+    x = f"x = (load - {MIDDLE:g} N)/({STRIDE:g} N)"
+    part = f" {(there, f'per {x}', f'per x^2, {x}')[power]}"
     begin = float(power == 0) if name == "e" else _centre(name)[power]
     return parameter(unit, begin, kind="reference", typical=typical, text=text + part, free=free,
                      limits=(-50.0, 50.0), limits_reason="hundreds of times what Eq. 10 has")
@@ -175,21 +177,22 @@ class SlipCurves(AbstractRubberFriction):
     $\mu_{slip}(s) = a\,[1 + \tfrac{c-e}{2} e^{(b+d)s} - \tfrac{c+e}{2} e^{(b-d)s}]$ is Eq. 9: two exponentials. Free
     are $a$ (linear) and $b + d$, $b - d$ and $c$ (quadratic) in $x = (F_n - 15\,N)/10\,N$, where loads of 5 to 28 N lie
     about zero. $e$ is held at 1: friction at zero slip is $a (1 - e)$ and Eq. 8, which strokes at one pressure do not
-    tell apart. `derive` gives the polynomials of Eq. 10.
+    tell apart. So `a_0` is $a$ at 15 N and not the $a_0$ of Eq. 10, its value at no load: `derive` gives a0, a1, b0 and
+    all others of Eq. 10.
     """
 
-    a_0: Scalar = _slope("a", 0, "", 0.05, "a of Eq. 9 at 15 N")
+    a_0: Scalar = _slope("a", 0, "", 0.05, "a of Eq. 9")
     a_1: Scalar = _slope("a", 1, "", 0.05, "a of Eq. 9")
-    sum_0: Scalar = _slope("b+d", 0, "1/mm", 0.02, "b + d of Eq. 9 at 15 N")
+    sum_0: Scalar = _slope("b+d", 0, "1/mm", 0.02, "b + d of Eq. 9")
     sum_1: Scalar = _slope("b+d", 1, "1/mm", 0.02, "b + d of Eq. 9")
     sum_2: Scalar = _slope("b+d", 2, "1/mm", 0.02, "b + d of Eq. 9")
-    difference_0: Scalar = _slope("b-d", 0, "1/mm", 0.05, "b - d of Eq. 9 at 15 N")
+    difference_0: Scalar = _slope("b-d", 0, "1/mm", 0.05, "b - d of Eq. 9")
     difference_1: Scalar = _slope("b-d", 1, "1/mm", 0.05, "b - d of Eq. 9")
     difference_2: Scalar = _slope("b-d", 2, "1/mm", 0.05, "b - d of Eq. 9")
-    c_0: Scalar = _slope("c", 0, "", 0.02, "c of Eq. 9 at 15 N")
+    c_0: Scalar = _slope("c", 0, "", 0.02, "c of Eq. 9")
     c_1: Scalar = _slope("c", 1, "", 0.02, "c of Eq. 9")
     c_2: Scalar = _slope("c", 2, "", 0.02, "c of Eq. 9")
-    e_0: Scalar = _slope("e", 0, "", 0.02, "e of Eq. 9 at 15 N", free=False)
+    e_0: Scalar = _slope("e", 0, "", 0.02, "e of Eq. 9", free=False)
     e_1: Scalar = _slope("e", 1, "", 0.02, "e of Eq. 9", free=False)
     e_2: Scalar = _slope("e", 2, "", 0.02, "e of Eq. 9", free=False)
     # With other coefficients the second exponential may grow elsewhere, but nothing tells where before they are known.
