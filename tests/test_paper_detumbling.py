@@ -25,6 +25,9 @@ def test_demand_by_hand():
     assert five["smallest_arm"] > 1.5  # no printed force is enough at the lever arm that there is
     six = find_demand(read_momentum("table-6"), PRINTED, 0.2)
     assert six["forces"]["end face, at the rim"] == pytest.approx(50.0, abs=0.02)
+    # The same impulse in the 0.27 s of the tests.
+    assert five["forces_in_test"]["side wall, at the rim"] == pytest.approx((72.829 - 26.815) / 0.27 / 1.5, rel=1e-4)
+    assert six["forces_in_test"]["end face, at the rim"] == pytest.approx((72.829 - 52.834) / 0.27, abs=0.05)
     # Whatever stays along the axis turns the direction by the difference of two angles.
     a = 72.829 * np.sin(np.radians(five["tilt"]))
     turn = np.degrees(np.arcsin(a / 26.8146) - np.arcsin(a / 72.829))

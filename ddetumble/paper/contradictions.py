@@ -40,7 +40,6 @@ AVOIDED = (1.5, 1.9)  # MPa, section 4: where friction was "obviously nonlinear"
 STATED_ERROR = 6.7  # %, abstract
 # MPa, first and last pressure that Table 3's eleven rows are tried at
 RANGES = ((0.0, 2.5), (0.1, 2.5), (0.0, 2.6), (0.1, 2.6), (0.2, 2.7), (0.5, 2.5), (1.0, 2.0), (1.0, 3.0), (0.0, 2.0))
-ELSEWHERE = {10: "direction of the momentum (Tables 5 and 6)", 11: "step of the simulation"}
 READINGS = {  # of Eqs. 2 to 4 and 7: choices of the ball, legend, colour and line
     "ours": ({}, "Eqs. 2 to 4, core once, b = πδ/4", AFTER, "-"),
     "printed": (dict(doubled_core=True), "Eqs. 2 to 4 as printed, b = πδ/4", KIN, "--"),
@@ -73,7 +72,8 @@ class Contradiction:
     values: Mapping[str, float]
 
 
-def _make_point(row: int, values: Mapping[str, float], **facts) -> Contradiction:
+def make_point(row: int, values: Mapping[str, float], **facts) -> Contradiction:
+    """The point of a row, with its words from `paper.point_ROW` about its values and further facts."""
     title, printed, found, used, sentence = tell(f"paper.point_{row}", v=values, **facts)
     return Contradiction(row, title, printed, found, used, sentence, values)
 
@@ -131,19 +131,19 @@ def list_contradictions(table: Mapping[str, np.ndarray], figure: Mapping[str, np
     kappa = float(damping_number(jnp.asarray(0.7)))
     pushed = (*times["quarter"], *times["area"])
     return [
-        _make_point(1, force),
-        _make_point(2, {"share_percent": 100 * (1 - force["printed"] / force["ours"])}, force=force),
-        _make_point(3, {"volume_slope": slope, **tenth}),
-        _make_point(4, {f"delivered_{asked}": printed_restitution(asked) for asked in (0.8, 0.5)}),
-        _make_point(7, {"largest_percent": float(by_measured.max()), "eighth_percent": float(by_theory[7]),
+        make_point(1, force),
+        make_point(2, {"share_percent": 100 * (1 - force["printed"] / force["ours"])}, force=force),
+        make_point(3, {"volume_slope": slope, **tenth}),
+        make_point(4, {f"delivered_{asked}": printed_restitution(asked) for asked in (0.8, 0.5)}),
+        make_point(7, {"largest_percent": float(by_measured.max()), "eighth_percent": float(by_theory[7]),
                         "mean_percent": float(by_measured.mean()), "largest_by_theory_percent": float(by_theory.max())},
                     stated=STATED_ERROR, eighth=table["printed_error"][7], rows=rows),
-        _make_point(8, {span.replace(" to ", "-"): miss for span, miss in spans},
-                    closest=sorted(spans, key=lambda one: one[1])),
-        _make_point(9, {"stated": STATED_TIME, "shortest": float(min(times["ours"])),
+        make_point(8, {span.replace(" to ", "-"): miss for span, miss in spans},
+                    closest=sorted(spans, key=lambda one: one[1]), rows=rows),
+        make_point(9, {"stated": STATED_TIME, "shortest": float(min(times["ours"])),
                         "longest": float(max(times["ours"])), "quarter_shortest": float(min(pushed)),
                         "quarter_longest": float(max(pushed))}),
-        _make_point(12, {"kappa": kappa, "rebound_ratio": reversed_restitution(kappa)}),
+        make_point(12, {"kappa": kappa, "rebound_ratio": reversed_restitution(kappa)}),
     ]  # fmt: skip
 
 
@@ -176,13 +176,14 @@ def list_wall_points(table: Mapping[str, np.ndarray], mass: float, peaks: np.nda
     wall = [float(shell_stiffness(jnp.asarray(thickness), jnp.asarray(radius), jnp.asarray(MODULUS),
                                   jnp.asarray(POISSON))) * 5e-3 for radius in (outer, outer - thickness)]
     return [
-        _make_point(14, {"earlier": earlier, "printed": printed, "ours": ours, "ratio": earlier / printed, "mass": mass,
+        make_point(14, {"earlier": earlier, "printed": printed, "ours": ours, "ratio": earlier / printed, "mass": mass,
                          "worst_percent": 100 * float(np.max(np.abs(peaks / table["measured"] - 1.0)[gas]))}),
-        _make_point(15, {"constant": constant, "slope": slope, "bend": bend, "largest": missed},
+        make_point(15, {"constant": constant, "slope": slope, "bend": bend, "largest": missed},
                     rows=len(table["printed"]), first=table["printed"][0]),
-        _make_point(16, {
+        make_point(16, {
             "outside": 1e6 * float(sphere_volume(jnp.asarray(DIAMETER))),
             "cavity": 1e6 * float(sphere_volume(jnp.asarray(INNER))), "wall_low": min(wall), "wall_high": max(wall),
+            "thin_low": thickness / outer, "thin_high": thickness / (outer - thickness),
             "gas": ours, "limit": limit / 1e6, "stretch": stretch,
             "shell_figure": shell[0], "shell_table": shell[1]}, thickness=1e3 * thickness),
     ]  # fmt: skip
@@ -250,10 +251,10 @@ def list_friction_points(table: Mapping[str, np.ndarray]) -> list[Contradiction]
     gap = 100 * np.abs(table["measured"] - printed) / table["measured"]
     others = float(np.max(np.delete(np.abs(gap - stated), [3, 10])))
     return [
-        _make_point(5, {"rest_load": rest, "no_load": float(slip_term(0.0, 0.0, True)),
+        make_point(5, {"rest_load": rest, "no_load": float(slip_term(0.0, 0.0, True)),
                         "largest_load": float(slip_term(0.0, most, True)), "sign_load": CHANGES_SIGN_AT,
                         "slope_low": float(slopes.min()), "slope_high": float(slopes.max())}, most=most),
-        _make_point(6, {"diverges_load": DIVERGES_ABOVE, "sign_load": CHANGES_SIGN_AT,
+        make_point(6, {"diverges_load": DIVERGES_ABOVE, "sign_load": CHANGES_SIGN_AT,
                         "least_load": float(loads.min()), "largest_load": most,
                         "diverging": int(np.sum(loads > DIVERGES_ABOVE)),
                         "negative": int(np.sum(loads > CHANGES_SIGN_AT)),
@@ -261,7 +262,7 @@ def list_friction_points(table: Mapping[str, np.ndarray]) -> list[Contradiction]
                         "best_error": float(errors[best]), "tenth_error": float(np.interp(1e-4, SLIPS, errors)),
                         "best_error_printed": float(scan_slip(loads, table["pressure"], printed, True).min())},
                     rows=len(loads)),
-        _make_point(13, {"fourth_percent": float(gap[3]), "eleventh_percent": float(gap[10]),
+        make_point(13, {"fourth_percent": float(gap[3]), "eleventh_percent": float(gap[10]),
                          "largest_percent": float(gap.max()), "others_points": others}, stated=stated),
     ]  # fmt: skip
 

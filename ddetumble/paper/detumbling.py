@@ -28,6 +28,7 @@ from ..dynamics.rigid import Tumble, measure_momentum, simulate_tumbling, trace_
 from ..dynamics.surfaces import make_debris
 from ..figures.palette import AFTER, BEFORE, FLOOR, GREY, INK, KIN
 from ..figures.style import new_axes, new_figure, styled
+from .contradictions import STATED_TIME, Contradiction, make_point
 from .section import write_section
 from .tumbling import DURATION, STEP, UNTURNED, Momentum, measure_angle, read_momentum
 
@@ -51,8 +52,9 @@ def find_demand(table: Momentum, printed: np.ndarray, friction: float) -> dict[s
         As `paper.json` has it: `taken`, size of the momentum that it takes [N m s]; `share` of the momentum before [-];
         `turn` of its direction [°]; mean `moment` over 0.4 s [N m]; mean normal `forces` by place [N], and
         `forces_with_friction` that helps along the same moment [N]; `smallest_arm` that any printed force would need
-        [m]; `tilt`, largest angle by which the momentum can have been off the plane across the axis [°];
-        `least_nutation` angle from which a normal force can leave as little [°].
+        [m]; `forces_in_test`, the same as `forces` over the time that the tests are said to last; `tilt`, largest angle
+        by which the momentum can have been off the plane across the axis [°]; `least_nutation` angle from which a
+        normal force can leave as little [°].
     """
     before, after = (float(np.linalg.norm(x)) for x in (table.before, table.after))
     taken = float(np.linalg.norm(table.before - table.after))
@@ -66,6 +68,7 @@ def find_demand(table: Momentum, printed: np.ndarray, friction: float) -> dict[s
         "taken": taken, "share": 1.0 - after / before, "turn": float(np.degrees(table.turn)), "moment": moment,
         "forces": {place: moment / arm for place, arm in LEVERS.items()},
         "forces_with_friction": {place: moment / (arm + friction * others[place]) for place, arm in LEVERS.items()},
+        "forces_in_test": {place: taken / STATED_TIME / arm for place, arm in LEVERS.items()},
         "smallest_arm": moment / float(np.max(printed)),
         "tilt": float(np.degrees(np.arcsin(np.interp(table.turn, turns, a) / before))),
         "least_nutation": float(np.degrees(np.arccos(min(after / before, 1.0)))),
@@ -228,6 +231,17 @@ def draw_displacement(passage: Tumble, velocity: np.ndarray):
     return figure
 
 
+def list_simulation_points(found: Mapping[str, Any]) -> list[Contradiction]:
+    """Rows 10 and 11, the attitude and the step, of what `write_detumbling` found."""
+    tables = found["tables"].values()
+    turn, tilt = (max(one[name] for one in tables) for name in ("turn", "tilt"))
+    return [
+        make_point(10, {"turn": turn, "nutation": found["assumed_nutation"], "needed_low": 90.0 - tilt,
+                        "most_percent": 100 * found["taken_there_at_most"]}),
+        make_point(11, {"step": STEP, "time": IMPACT_TIME, "seen_percent": 100 * found["two_steps_see"]}),
+    ]
+
+
 SHOWN = 300.0  # s, on either side of the impact: more would draw the curves too densely to read
 
 
@@ -244,13 +258,15 @@ def write_detumbling(peaks: np.ndarray, measured: np.ndarray, theory: np.ndarray
         one |= {"left": float(np.linalg.norm(left)), "impulse": one["moment"] * IMPACT_TIME / arm}
     five, six = demands.values()
     start, largest = tables["Table 5"].before, float(printed[-1])
+    most = float(max(peaks.max(), measured.max()))
     side, end = LEVERS
     nutation = measure_angle(start, np.array([0.0, 0.0, 1.0]))
     own = strike_stage(start)
     mass, peak = find_mass(own, five["share"])
     found = {
-        "sentence": say("paper.demand", five=five, six=six, time=IMPACT_TIME, side=side, end=end, largest=largest),
-        "largest_printed_force": largest, "friction": friction, "tables": demands,
+        "sentence": say("paper.demand", five=five, six=six, time=IMPACT_TIME, side=side, end=end, largest=largest,
+                        measured=most, test=STATED_TIME, half_sine=0.5 * np.pi),
+        "largest_printed_force": largest, "largest_measured_force": most, "friction": friction, "tables": demands,
         "assumed_nutation": float(np.degrees(nutation)), "taken_there_at_most": float(1.0 - np.cos(nutation)),
         "two_steps_see": sample_steps(), "own_impacts": own, "own_mass": mass, "own_peak": peak,
     }  # fmt: skip

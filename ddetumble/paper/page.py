@@ -10,7 +10,7 @@ from ..contact.law import Ball
 from ..contact.shell import InflatedShell
 from ..inference.files import write_json
 from . import contradictions, friction, peaks
-from .detumbling import write_detumbling
+from .detumbling import list_simulation_points, write_detumbling
 from .rivals import judge_table
 from .section import read_errors, write_section
 from .tumbling import write_tumbling
@@ -44,8 +44,7 @@ def write_paper(folder, echo: Callable[[str], object] = print) -> Path:
                                        - 1.0))) for one in (figure, forces)]
     found += contradictions.list_wall_points({"measured": forces.values, "printed": printed, "pressure": forces.x},
                                              peaks.read_mass(earlier), peaks.read_peaks(earlier), shell)
-    points = {point.row: point for point in sorted(found, key=lambda point: point.row)}
-    misses = points[8].values
+    misses = next(point.values for point in found if point.row == 8)
     figures = {
         "row-01-readings": contradictions.draw_readings(), "row-02-core": contradictions.draw_core(),
         "row-03-pressure": contradictions.draw_pressure(), "row-04-restitution": contradictions.draw_restitution(),
@@ -63,9 +62,13 @@ def write_paper(folder, echo: Callable[[str], object] = print) -> Path:
     tumbling, motion = write_tumbling()
     mean, spread = friction.find_ratio(slipped)
     detumbling, impacts = write_detumbling(figure.values, forces.values, printed, mean)
+    found += list_simulation_points(impacts)
+    points = {point.row: point for point in sorted(found, key=lambda point: point.row)}
+    drawn = {int(name[4:6]): name for name in figures}
     sections = [
-        write_section("paper.points", figures, points=points.values(), elsewhere=contradictions.ELSEWHERE.items(),
-                      drawn=[(name, points[int(name[4:6])]) for name in figures if name.startswith("row-")]),
+        write_section("paper.points", {}, points=list(points.values())), write_section("paper.coverage", {}),
+        write_section("paper.drawn", figures, drawn=[(name, points[row]) for row, name in drawn.items()],
+                      others=[point for row, point in points.items() if row not in drawn]),
         peaks.write_figure_8(figure, masses), peaks.write_table_3(forces, peaks.read_as_gauge(forces)),
         peaks.write_corrections(forces), *pages, tumbling, detumbling]
     worst = 100 * float(np.max(np.abs(figure.reference.fitted / figure.values - 1.0)))
