@@ -82,7 +82,6 @@ class Knowledge:
     silent: tuple[str, ...]
     blends: tuple[Blend, ...]  # combinations that the data hardly fix, worst first
 
-
     def widen(self, factors: Mapping[str, float], names: Sequence[str]) -> "Knowledge":
         """The same with the standard deviations of the parameters that are named in `factors` so many times as large;
         `names` of all, in the order of the covariance."""
