@@ -103,8 +103,7 @@ class Plan(AbstractPrinted):
         misfits: fitted models of the contact that leave more than noise of their own campaigns.
         beyond: the impacts planned without having to stay within these; None where they need not.
         prices: of every impact, what it would gain if the limits that hold it were looser, in shares of the goal at the
-            start; empty where all impacts were
-            optimised together, whose prices stand in `sequence.joint`.
+            start; empty where all impacts were optimised together, whose prices stand in `sequence.joint`.
         rules: what simple rules make of the place of the first impact.
         spreads: what errors of the arm and of the estimate make of the first impact, by kind, then of all together.
         after: what all errors together leave after every impact; empty with one impact.
