@@ -36,7 +36,7 @@ from .identifiability import (
 from .noise import Noise
 from .parameters import ParameterSpace
 from .problem import AbstractProblem, Problem, Solution
-from .record_scatter import tell_scatter, widen_by_scatter
+from .record_scatter import SCATTER, ScatterSettings, tell_scatter, widen_by_scatter
 from .systematics import Systematic, measure_systematics, tell_systematics
 
 
@@ -334,17 +334,17 @@ class AbstractRivals(abc.ABC):
 def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], problem: Problem, found: Bounded,
                   start: np.ndarray, noise: Mapping[str, Noise], settings: Mapping[str, Any], nuisances: bool,
                   warnings: tuple[str, ...] = (), *, steps: int | None = None, starts: int = 1,
-                  scattered: bool = False) -> Fit:
+                  scattered: bool = False, scatter: ScatterSettings = SCATTER) -> Fit:
     """Turn a solution `found` of a problem into what people read.
 
     `start` are the coordinates that the fit started from; `nuisances` says whether the conditions moved, `warnings`
     what is to be told beside, `steps` how many were taken from all `starts` and since (if not given, those of the
-    solution alone), `scattered` whether the scatter of settings was estimated from the same records. The other
-    arguments are fields of `Fit`.
+    solution alone), `scattered` whether the scatter of settings was estimated from the same records, `scatter`
+    when intervals are those of the scatter of records. The other arguments are fields of `Fit`.
     """
     space, solution = problem.space, found.solution
     known = analyse_with_refits(problem, solution)
-    widened = widen_by_scatter(problem, solution, noise, scattered)
+    widened = widen_by_scatter(problem, solution, noise, scattered, scatter)
     known = known.widen(widened, solution.names)
     told, remedies = describe_knowledge(problem, solution, known, campaign)
     parameters, covariance, correlations, gaussians = estimate_parameters(problem, found, known, start)

@@ -45,8 +45,8 @@ def public_estimates(selection: SelectionProblem, solution: Solution, owner: str
     # Refits only for the model, not for every candidate beside it: an effect's own parameters need none.
     known = analyse_with_refits(selection.problem, solution) if owner is None else analyse_fit(space, solution)
     if owner is None:
-        known = known.widen(widen_by_scatter(selection.problem, solution, selection.noise, bool(selection.spread)),
-                            solution.names)
+        known = known.widen(widen_by_scatter(selection.problem, solution, selection.noise, bool(selection.spread),
+                                             selection.settings.scatter), solution.names)
     for name, one in estimate_parameters(selection.problem, whole, known, selection.guess)[0].items():
         slot = space.slots[space.index[name]]
         if owner not in (None, slot.owner):
@@ -64,7 +64,7 @@ def make_fit(selection: SelectionProblem, fitted: Fitted, model: str, verdict: s
     return summarise_fit(
         selection.campaign, model, fitted.effects, selection.problem, Bounded(solution, solution.names, {}, {}),
         selection.guess, selection.noise, {"made_by": "discover", "verdict": verdict}, True, selection.warnings,
-        scattered=bool(selection.spread))
+        scattered=bool(selection.spread), scatter=selection.settings.scatter)
 
 
 def describe_step(selection: SelectionProblem, grown: FittedStep, before: FittedStep | None) -> Step:

@@ -161,7 +161,7 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     notes = list_notes(found, family, left_out, asked.name, end.missing if isinstance(end.missing, str) else "",
                        list_exact(campaign) if rejected else [], list_loose(selection, last.fitted.solution))
     at = last.fitted.solution
-    if widened := widen_by_scatter(selection.problem, at, selection.noise, bool(selection.spread)):
+    if widened := widen_by_scatter(selection.problem, at, selection.noise, bool(selection.spread), settings.scatter):
         notes.append(tell_scatter(widened, bool(selection.spread)))
     if verdict not in OPEN and shared is None:
         hidden = tell_systematics(measure_systematics(selection.problem, at, at.covariance(), campaign))

@@ -3,6 +3,7 @@
 import dataclasses as dc
 
 from ..inference.noise_estimation import NoiseSettings
+from ..inference.record_scatter import ScatterSettings
 from ..inference.variance_components import SpreadSettings
 from ..measurement.faults import ScreeningSettings
 
@@ -121,6 +122,7 @@ class SelectionSettings:
             readings may be rounding.
         noise: what decides how the noise is taken.
         spread: when settings count as scattering more than stated.
+        scatter: when intervals are those of the scatter of records.
         screening, outliers, baseline: what counts as a fault of the data.
     """
 
@@ -167,6 +169,7 @@ class SelectionSettings:
     rounding: float = 1.0
     noise: NoiseSettings = NoiseSettings()
     spread: SpreadSettings = SpreadSettings()
+    scatter: ScatterSettings = ScatterSettings()
     screening: ScreeningSettings = ScreeningSettings()
     outliers: OutlierSettings = OutlierSettings()
     baseline: BaselineSettings = BaselineSettings()
