@@ -48,6 +48,15 @@ def test_two_columns_at_an_angle(cosine):
         assert set(blend.names) == {"a", "b"} and not blend.singular
 
 
+@pytest.mark.parametrize(("apart", "lost"), [(2e-6, ("a", "b")), (2e-4, ())])
+def test_columns_alike_to_the_accuracy_of_derivatives_determine_nothing(apart, lost):
+    """However loud the records are: by these columns alone the deviations would be small."""
+    columns = 1e9 * np.array([[1.0, 1.0], [0.0, apart]])
+    found = analyse_jacobian("ab", columns, np.ones(2), np.full(2, 100.0))
+    assert found.undetermined == lost and np.all(np.diag(found.covariance) < 1.0)
+
+
+
 def test_the_same_column_twice_is_singular():
     columns = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 1.0], [2.0, 2.0, 0.0], [0.0, 0.0, 0.0]])
     found = analyse_jacobian("abc", columns, np.ones(3), np.full(3, 1e3))

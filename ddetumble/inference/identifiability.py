@@ -35,7 +35,7 @@ REACH = {
     "normal_load": (0.5, 2.0), "slip_speed": (0.3, 3.0),
 }  # fmt: skip
 LEAST_PRESSURE = 2e5  # Pa, absolute: with less than the atmosphere over that outside a ball is hardly inflated
-SINGULAR = 1e-7  # of the largest singular value of columns of unit length, below which one is rounding
+ROUNDING = 1e-7  # of the largest singular value of columns of unit length, below which one is rounding
 STEPS = 100  # of a refit without a prior, at most: without it a valley may be long
 DISAGREES = 3.0  # deviations of a prior, beyond which values are said to disagree with it: by chance one in 370
 DEPRESSION_SD = 2e-5  # m, of a displacement gauge; `design` assumes the same
@@ -208,7 +208,7 @@ def _span(columns: np.ndarray) -> np.ndarray:
     if not columns.shape[1]:
         return columns
     left, s, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300), full_matrices=False)
-    return left[:, s > SINGULAR * s.max()]
+    return left[:, s > ROUNDING * s.max()]
 
 
 def weigh_priors(solution: Solution) -> np.ndarray:
@@ -221,7 +221,7 @@ def weigh_priors(solution: Solution) -> np.ndarray:
     columns = solution.flattened()[0]
     left = _span(columns)
     told = 1.0 - np.sum(left[len(columns) - columns.shape[1]:] ** 2, axis=1)
-    return np.where(told > SINGULAR, solution.prior_residual / np.sqrt(np.maximum(told, SINGULAR)), 0.0)
+    return np.where(told > ROUNDING, solution.prior_residual / np.sqrt(np.maximum(told, ROUNDING)), 0.0)
 
 
 def release_priors(problem: Problem, solution: Solution) -> tuple[np.ndarray, Solution]:
