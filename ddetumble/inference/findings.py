@@ -33,10 +33,11 @@ from .identifiability import (
     list_disputed,
     measure_values,
 )
+from .interval_width import widen_intervals
 from .noise import Noise
 from .parameters import ParameterSpace
 from .problem import AbstractProblem, Problem, Solution
-from .record_scatter import SCATTER, ScatterSettings, tell_scatter, widen_by_scatter
+from .record_scatter import SCATTER, ScatterSettings
 from .systematics import Systematic, measure_systematics, tell_systematics
 
 
@@ -101,8 +102,8 @@ class Fit(AbstractFitted, AbstractPrinted):
         bends: of each parameter how many times as much as its interval says chi-square has risen at an end of that, the
             others moved along as a straight line has it; 1 where the interval is what it says.
         profiles: parameters whose 95 % intervals are by profile likelihood; see `profiled`.
-        widened: how many times as large as the noise as taken makes them standard deviations are, by parameter, where
-            they are those of the scatter of records (see `ddetumble.inference.record_scatter`); empty elsewhere.
+        widened: how many times as large as the noise as taken makes them standard deviations are, by parameter, for
+            what is not known of the noise (see `ddetumble.inference.interval_width`); empty where it does not matter.
         systematics: what an error that all records share, and nobody stated, would do to the estimates.
         settings: command, specification, seed.
         source, problem, bounded, space, solution: for those who go on computing.
@@ -344,7 +345,8 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
     """
     space, solution = problem.space, found.solution
     known = analyse_with_refits(problem, solution)
-    widened = widen_by_scatter(problem, solution, noise, scattered, scatter)
+    wider = widen_intervals(problem, solution, noise, scattered, scatter)
+    widened = wider.factors
     known = known.widen(widened, solution.names)
     told, remedies = describe_knowledge(problem, solution, known, campaign)
     parameters, covariance, correlations, gaussians = estimate_parameters(problem, found, known, start)
@@ -354,7 +356,7 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
                           "the others assume it held there." for n, p in parameters.items() if p.at_bound),
              *(f"{n} is {p.text}." for n, p in parameters.items() if p.text and not p.at_bound)]
     if widened:
-        notes.append(tell_scatter(widened, scattered))
+        notes.append(wider.tell())
     if not nuisances:
         notes.append("The conditions and time origins were taken as exact.")
     stopped, fixed, scales = [], {}, space.scales()

@@ -342,8 +342,8 @@ def pose_fit(fit: Fit) -> CampaignTarget:
     groups = group_conditions(fit.source.records)
     most = format_number(max(fit.widened.values(), default=1.0), 2)
     caveats = () if not fit.widened else (
-        "the noise along the records is taken as measured, although the residuals hold more that is slow: by the "
-        f"scatter from record to record intervals of the fit are up to {most} times as wide as such noise makes them",)
+        "the noise along the records is taken as it was measured: intervals of the fit, which allow for what is not "
+        f"known of it, are up to {most} times as wide as such noise makes them",)
     target = CampaignTarget(
         title=f"{fit.model_text}, sampled from {fit.campaign}", names=names,
         units=tuple(full.unit(n, u) for n in names),

@@ -11,9 +11,9 @@ from ..inference.bounded import Bounded
 from ..inference.findings import Fit, estimate_parameters, summarise_fit
 from ..inference.goodness import doubt_level
 from ..inference.identifiability import analyse_fit, analyse_with_refits, limit_knowledge, list_unproven
+from ..inference.interval_width import widen_intervals
 from ..inference.noise import Noise
 from ..inference.problem import Solution
-from ..inference.record_scatter import widen_by_scatter
 from .cross_validation import compare_losses
 from .detectability import LEAST, detectable_length, find_size
 from .forward_selection import CandidateFits, FittedStep, fit_with_shapes, list_unphysical
@@ -45,8 +45,8 @@ def public_estimates(selection: SelectionProblem, solution: Solution, owner: str
     # Refits only for the model, not for every candidate beside it: an effect's own parameters need none.
     known = analyse_with_refits(selection.problem, solution) if owner is None else analyse_fit(space, solution)
     if owner is None:
-        known = known.widen(widen_by_scatter(selection.problem, solution, selection.noise, bool(selection.spread),
-                                             selection.settings.scatter), solution.names)
+        known = known.widen(widen_intervals(selection.problem, solution, selection.noise, bool(selection.spread),
+                                            selection.settings.scatter).factors, solution.names)
     for name, one in estimate_parameters(selection.problem, whole, known, selection.guess)[0].items():
         slot = space.slots[space.index[name]]
         if owner not in (None, slot.owner):

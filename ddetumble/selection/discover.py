@@ -18,9 +18,9 @@ from .._settings import forget_programs
 from ..contact.effect import AbstractEffect, identify_model, require_effect
 from ..families import find_family, name_family, open_campaign
 from ..inference.archive import Model, resolve_model
+from ..inference.interval_width import widen_intervals
 from ..inference.models import ResolvedModel
 from ..inference.noise import Noise
-from ..inference.record_scatter import tell_scatter, widen_by_scatter
 from ..inference.systematics import measure_systematics, tell_systematics
 from ..measurement.campaign import Campaign, count_conditions
 from ..measurement.plausibility import check_plausibility
@@ -161,8 +161,8 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     notes = list_notes(found, family, left_out, asked.name, end.missing if isinstance(end.missing, str) else "",
                        list_exact(campaign) if rejected else [], list_loose(selection, last.fitted.solution))
     at = last.fitted.solution
-    if widened := widen_by_scatter(selection.problem, at, selection.noise, bool(selection.spread), settings.scatter):
-        notes.append(tell_scatter(widened, bool(selection.spread)))
+    if told := widen_intervals(selection.problem, at, selection.noise, bool(selection.spread), settings.scatter).tell():
+        notes.append(told)
     if verdict not in OPEN and shared is None:
         hidden = tell_systematics(measure_systematics(selection.problem, at, at.covariance(), campaign))
         notes += [hidden] if hidden else []
