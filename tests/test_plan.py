@@ -52,7 +52,7 @@ from ddetumble.planning.sequence import (
     refine_sequence,
     total,
 )
-from ddetumble.planning.single import certify, plan_strike
+from ddetumble.planning.single import certify, make_plan, plan_strike
 from ddetumble.reports.plan import follow_plan
 from docs.plan_search import draw_scenario
 
@@ -757,6 +757,22 @@ def test_least_time(two):
     assert all(plan.certificate.gradient_error < 1e-3 for plan in again.impacts)
     assert all(name.removeprefix("lowest ").removeprefix("highest ") in ("share left", *CONSTRAINTS, *VARIABLES)
                for plan in again.impacts for name in plan.certificate.binding)
+
+
+def test_a_chain_whose_first_impact_fails_is_not_taken(two, monkeypatch):
+    """What the optimiser passed as allowed and the plan itself finds failed leaves the sequence that was given."""
+    problem, found = two
+    made = []
+
+    def fail_first(now, face, x, *given, **named):
+        made.append(make_plan(now, face, x, *given, **named))
+        lost = dc.replace(made[-1].collision, attitude=jnp.full(4, jnp.nan), failed=jnp.asarray(True))
+        return dc.replace(made[-1], collision=lost, allowed=False) if len(made) == 1 else made[-1]
+
+    monkeypatch.setattr("ddetumble.planning.sequence.make_plan", fail_first)
+    kept = refine_sequence(problem, found, 0.2)
+    assert made and not kept.reached and kept.joint is not None and not kept.joint.taken
+    assert kept.impacts == found.impacts and kept.shares == found.shares
 
 
 def test_the_ball_keeps_clear_between_two_impacts():

@@ -397,9 +397,11 @@ def refine_sequence(problem: StrikeProblem, sequence: Sequence, share: float, ai
     now, plans, tally = problem, [], Tally(0, len(passed))
     for face, x, certificate in zip(faces, best.reshape(first.shape), certificates, strict=True):
         plans.append(make_plan(now, int(face), x, certificate, tally))
+        if not plans[-1].allowed:  # nothing begins where an impact failed
+            return dc.replace(sequence, reached=False, joint=joint)
         now = now.begin_after(plans[-1].collision.attitude, plans[-1].collision.angular_velocity)
     found = add_up(problem, plans, share * (1 + SLACK))
-    taken = all(plan.allowed for plan in plans) and (found.reached or aim == "share")
+    taken = found.reached or aim == "share"
     if taken:
         # A change of the square of the share is one of the share twice as large as that, times what is left.
         counted = unit / (2.0 * found.left) if aim == "share" and found.left > 0.0 else unit
