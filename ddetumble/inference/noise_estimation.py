@@ -7,7 +7,7 @@ level there is known: it is averaged over all, and its error holds their differe
 """
 
 import dataclasses as dc
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,7 @@ SHORTEST = 0.3  # correlation time [samples]
 NODES = (48, 24)  # in correlation time and in the share that is white
 ROUNDS = 8
 FAR = 12.0  # below the best in the logarithm of the likelihood: no longer looked at
+FAINT = 1e-10  # squared length, over the longest, of combinations of splines that no sample sees
 LARGE = 1_000_000  # numbers of a spline basis beyond which its zeros are left out
 Shapes = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -46,6 +47,9 @@ class NoiseSettings:
     between: float = 0.5
     # Correlation times over the period of the lowest frequency used: what is slower is a drift, no noise.
     slowest: float = 3.0
+    # Share of the power of white noise that splines leave at a frequency, below which it is not used: what they leave
+    # of steeper noise is not the same.
+    left: float = 0.5
     # Logarithm of the likelihood that a further parameter of the noise has to bring (Akaike asks for 1; the spectrum is
     # looked at in many places).
     worth: float = 4.0
@@ -126,9 +130,10 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution, sett
             whole.append((r, np.flatnonzero(used), trace[used]))
             # What is smooth over a contact may be missing physics: it tells nothing about the noise.
             trace = trace - smooth @ _fit_splines(smooth[used], trace[used])
+            taken = _orthonormalise(smooth, used)
             medians.append(float(np.median(difference)))
             even += [r] if np.allclose(difference, difference[0], rtol=2e-3) else []
-            parts += [Run(r, run, trace[run], (values[r, c, :n] - trace)[run])
+            parts += [Run(r, run, trace[run], (values[r, c, :n] - trace)[run], None if taken is None else taken[run])
                       for run in np.split(np.arange(n), np.flatnonzero(np.diff(used)) + 1) if used[run[0]]]
         # Few records do not show what repeats, and those that run freely share no phase: nothing would tell a force
         # that is missing from noise of its size but that it is smoother. Else the stated size counts.
@@ -171,11 +176,12 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution, sett
         if family.free_running:
             lowest = 0.6 * float(max(min(spans[r][0].splines, records.lengths[r] // 4)
                                      / (spans[r][0].high - spans[r][0].low) for r in same))
+        alike = [run for run, s in zip(kept, steps, strict=True) if abs(s / interval - 1) < 2e-3]
         found[channel] = finish(estimate_noise(
-            [t for t, s in zip(traces, steps, strict=True) if abs(s / interval - 1) < 2e-3], interval, lowest, expected,
+            [run.residual for run in alike], interval, lowest, expected,
             None if sizes is not None else _measure_quiet(records, c),
             measure_deviation([x if sizes is None else x / sizes.relative[r][used] for r, used, x in whole])
-            if look_random(parts, settings.size) else None, own))
+            if look_random(parts, settings.size) else None, own, [run.taken for run in alike]))
     if before and any(level.hum for level in before.values()):
         before = tune_hum(campaign, records, solution, before, settings.hum)
     found = {channel: level.with_slow_parts(before[channel]) if before else level for channel, level in found.items()}
@@ -221,6 +227,17 @@ def _fit_splines(columns: sparse.csr_matrix, values: np.ndarray) -> np.ndarray:
     square = (columns.T @ columns).toarray()
     square[np.diag_indices_from(square)] += 1e-9 * np.trace(square) / len(square)
     return np.linalg.solve(square, columns.T @ values)
+
+
+def _orthonormalise(columns: sparse.csr_matrix, used: np.ndarray) -> np.ndarray | None:
+    """Orthonormal columns over the samples used, zero elsewhere, that span those of splines; None of long records, of
+    which splines take little but what lies below the frequencies used."""
+    if not 0 < np.prod(np.shape(columns)) < LARGE:
+        return None
+    own = columns.toarray() * used[:, None]
+    values, vectors = np.linalg.eigh(own.T @ own)
+    told = values > FAINT * values[-1]
+    return own @ (vectors[:, told] / np.sqrt(values[told]))
 
 
 @dc.dataclass(frozen=True)
@@ -294,9 +311,9 @@ def _spectrum(frequency: np.ndarray, interval: float, correlation: float | np.nd
     return (1 - white) * coloured + white
 
 
-def estimate_noise(traces: list[np.ndarray], interval: float, lowest: float, stated_sd: float | None,
-                   quiet: Deviation | None = None, whole: Deviation | None = None, settings: NoiseSettings = NOISE
-                   ) -> Noise:
+def estimate_noise(traces: Sequence[np.ndarray], interval: float, lowest: float, stated_sd: float | None,
+                   quiet: Deviation | None = None, whole: Deviation | None = None, settings: NoiseSettings = NOISE,
+                   taken: Sequence[np.ndarray | None] | None = None) -> Noise:
     """Whittle likelihood of the residuals' spectrum above the frequencies of the contact.
 
     Args:
@@ -310,17 +327,25 @@ def estimate_noise(traces: list[np.ndarray], interval: float, lowest: float, sta
             further is none; where noise of the stated size does not agree with that, it is given up, unless the
             spectrum then has lines, as no noise has. None where the residuals are not those of noise from sample to
             sample.
+        taken: of each record orthonormal columns over its samples, shape (samples, columns), whose share was taken out
+            of it (None: nothing, or nothing to speak of): they took power of the noise, too, most of it below `lowest`.
         settings: thresholds.
     """
     power, frequency = [], []
-    for trace in (one for one in traces if len(one) >= settings.fewest):
+    for trace, columns in zip(traces, taken or [None] * len(traces), strict=True):
+        if len(trace) < settings.fewest:
+            continue
         n = len(trace)
         window = np.hanning(n + 2)[1:-1]
         window = window / np.sqrt(np.mean(window**2))
         x = np.fft.rfft((trace - np.mean(trace)) * window)
         f = np.fft.rfftfreq(n, interval)
         keep = (f >= lowest) & (f < 0.49 / interval)
-        power.append(np.abs(x[keep]) ** 2 / n)
+        left = np.ones(len(f))
+        if columns is not None:  # of white noise
+            left -= np.sum(np.abs(np.fft.rfft(window[:, None] * columns, axis=0)) ** 2, axis=1) / n
+        keep &= left > settings.left
+        power.append(np.abs(x[keep]) ** 2 / (n * left[keep]))
         frequency.append(f[keep])
     if sum(map(len, power)) < settings.fewest:
         return _assume_white(float(np.std(np.concatenate(traces))), interval, stated_sd)

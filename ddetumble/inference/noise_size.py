@@ -52,6 +52,8 @@ class Run:
     samples: np.ndarray  # their places in the record
     residual: np.ndarray  # without what is smooth over a contact
     reading: np.ndarray  # without noise
+    # Orthonormal columns, shape (samples, columns), that were taken out of the residual; None of very long records.
+    taken: np.ndarray | None = None
 
 
 @dc.dataclass(frozen=True)
