@@ -37,8 +37,7 @@ def run_demo(folder: Path | str, echo: Callable[[str], None] = print) -> Path:
     tell(str(compare(campaign)).splitlines()[:12])
     echo("")
     echo("3. Which effect is missing? Every effect of the catalogue is added in turn, refitted and cross-validated on "
-         "left-out "
-         "tests:")
+         "left-out tests:")
     found = discover(campaign)
     tell(str(found).splitlines())
     found.save(folder / "discovery")

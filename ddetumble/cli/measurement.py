@@ -107,8 +107,7 @@ def import_files(
     # All but where to write are arguments of `import_tests`, most of them by the same name.
     given = dict(locals())
     # The shells of Windows leave patterns to programs.
-    raw = [one for path in raw
-           for one in (not path.exists() and sorted(map(Path, glob.glob(str(path)))) or [path])]
+    raw = [one for path in raw for one in (not path.exists() and sorted(map(Path, glob.glob(str(path)))) or [path])]
     for name in ("raw", "output", "overwrite", "unit", "contents", "dry_run", "figure"):
         del given[name]
     if contents:

@@ -120,8 +120,7 @@ def read_source(text: str, output: Path | None, ending: str, own: Path | None, *
     if text.endswith(".toml"):
         if own or any(given.values()):
             raise InputError("the specification is complete; leave out --model, --effect, --effects-from, --free, "
-                             "--fix "
-                             "and --prior", file=text)
+                             "--fix and --prior", file=text)
         path = Path(text)
         if not path.is_file():
             raise InputError("this file does not exist", file=path)

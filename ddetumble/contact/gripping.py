@@ -107,8 +107,7 @@ class Striker(AbstractModel):
     def __check_init__(self):
         if not isinstance(self.ball, AbstractReference) or not isinstance(self.friction, AbstractFriction):
             raise TypeError("`Striker(ball, friction)` takes a normal model and a friction model, in this order; it "
-                            "was "
-                            f"given a {type(self.ball).__name__} and a {type(self.friction).__name__}.")
+                            f"was given a {type(self.ball).__name__} and a {type(self.friction).__name__}.")
 
     @property
     def provides(self) -> tuple[str, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -156,8 +155,7 @@ class StrikeLaw(AbstractLaw):
 
     def brake(self, patch: Patch) -> Scalar:
         """Force that brakes rolling at full speed, the moment of the offset normal force over the height [N]."""
-        total = sum((effect.offset_at(patch) for effect in self.pick("reaction")),
-                    jnp.zeros_like(patch.normal_force))
+        total = sum((effect.offset_at(patch) for effect in self.pick("reaction")), jnp.zeros_like(patch.normal_force))
         return safe_divide(total, patch.height) * patch.normal_force
 
     def limit(self, patch: Patch, speed: Array, path: Array, work: Array) -> Scalar:

@@ -231,8 +231,7 @@ class ContactLaw(AbstractLaw):
 
         def increment(radius):
             at = eqx.tree_at(lambda c: c.contact_radius, bare, radius)
-            return sum((effect.contact_radius(seen) for effect, seen in self._see("geometry", at, states)),
-                       zero)
+            return sum((effect.contact_radius(seen) for effect, seen in self._see("geometry", at, states)), zero)
 
         radius, ratio = self.reference.shape(bare.depression, diameter, increment)
         shaped = eqx.tree_at(lambda c: (c.contact_radius, c.volume_ratio), bare, (radius, ratio))

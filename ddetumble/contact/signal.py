@@ -67,8 +67,7 @@ def _response_weights_jvp(primals, tangents):
     (z,), (z_dot,) = primals, tangents
     i0, i1, i2, i3 = jax.lax.optimization_barrier(_integrals(z))
     # dI_k/dz = (1 - I_{k+1})/(k + 1) - I_k + I_{k+1}
-    slopes = jax.lax.optimization_barrier(
-        (1.0 - i0, (1.0 - i2) / 2.0 - i1 + i2, (1.0 - i3) / 3.0 - i2 + i3))
+    slopes = jax.lax.optimization_barrier((1.0 - i0, (1.0 - i2) / 2.0 - i1 + i2, (1.0 - i3) / 3.0 - i2 + i3))
     return (i0, i1, i2), tuple(slope * z_dot for slope in slopes)
 
 

@@ -238,8 +238,7 @@ def _run_lanes(function: Callable[..., tuple[Any, Any]], size: int, batched: tup
     filled = [jnp.concatenate([a, jnp.repeat(a[-1:], blocks * room - size, axis=0)]).reshape(blocks, room, *a.shape[1:])
               for a in laned]
     plain, wide = jax.lax.map(some, filled)
-    return (jax.tree.map(lambda a: a[0], plain),
-            jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:])[:size], wide))
+    return (jax.tree.map(lambda a: a[0], plain), jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:])[:size], wide))
 
 
 def _count_lanes(size: int, batched: tuple[_Motion, ...], given: tuple[_Motion, ...]) -> int:

@@ -205,8 +205,7 @@ def _follow(moments: Array, start: Array, size: Array, times: Array) -> tuple[Ar
     nodes = jnp.where(short, times, 0.0)[:, None] * _NODES
     near = _place(moments, start, *_expand(jnp.where(short, times, 0.0), square, lesser))
     passed = _place(moments, start, *_expand(nodes, square, lesser))
-    near_integral = jnp.where(short, times, 0.0) * jnp.sum(
-        _WEIGHTS / (size + moments[2] * passed[..., 2]), axis=-1)
+    near_integral = jnp.where(short, times, 0.0) * jnp.sum(_WEIGHTS / (size + moments[2] * passed[..., 2]), axis=-1)
 
     def harmonics():
         m1 = jnp.where(complement > NARROW, complement, 0.5)

@@ -61,12 +61,12 @@ class Grip(eqx.Module):
 
 
 @functools.cache
-def _place_stages(intervals: int, nodes: int) -> np.ndarray:
-    """Cubic interpolation from `nodes` equal places over 0..1 to the stages of every step, (3 * intervals, nodes)."""
+def _place_stages(intervals: int) -> np.ndarray:
+    """Cubic interpolation from `NODES` equal places over 0..1 to the stages of every step, (3 * intervals, NODES)."""
     places = ((np.arange(intervals)[:, None] + np.array([GAMMA, _MIDDLE, 1.0])) / intervals).ravel()
-    x = np.clip(places, 0.0, 1.0) * (nodes - 1)
-    first = np.clip(np.floor(x).astype(int) - 1, 0, nodes - 4)
-    u, matrix = x - first, np.zeros((len(places), nodes))
+    x = np.clip(places, 0.0, 1.0) * (NODES - 1)
+    first = np.clip(np.floor(x).astype(int) - 1, 0, NODES - 4)
+    u, matrix = x - first, np.zeros((len(places), NODES))
     for k in range(4):
         others = [j for j in range(4) if j != k]
         matrix[np.arange(len(places)), first + k] = np.prod([(u - j) / (k - j) for j in others], axis=0)
@@ -87,7 +87,7 @@ def grip(law: StrikeLaw, conditions: Mapping[str, Array], diameter: Array, cours
     mass, rolling_mass, creep = reference.tangential_mass, reference.rolling_mass, reference.creep_speed
     mobility = 1.0 / mass + 1.0 / rolling_mass
     step = course.time[-1] / intervals
-    to_stages = _place_stages(intervals, NODES)
+    to_stages = _place_stages(intervals)
     # Adhesion pulls: no friction then.
     depression, load = (jnp.maximum(to_stages @ x, 0.0) for x in (course.depression, course.normal_force))
     inputs = {"time": to_stages @ course.time, "depression": depression, "normal_force": load,

@@ -304,8 +304,7 @@ def make_debris(body: AbstractBody, inertia: Any = None, centre: Any = None) -> 
         surface = merge_faces(np.asarray(body.vertices) - np.asarray(middle), body.faces)
     else:
         raise InputError(f"a {type(body).__name__} cannot be struck, because its surface is not defined; use a "
-                         f"Cylinder, "
-                         "Sphere, Box or convex Mesh")
+                         "Cylinder, Sphere, Box or convex Mesh")
     tensor = jnp.asarray(body.inertia() if inertia is None else inertia, dtype=float)
     if centre is None or not np.any(centre):
         return Debris(body.mass, tensor, surface)

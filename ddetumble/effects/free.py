@@ -229,8 +229,7 @@ def make_terms(bases: tuple[type, ...], name: str, unit: str, typical: float, **
             bases, numbers, {method: pair[k] for method, pair in methods.items()}, kind + name, __name__, law,
             id=f"{kind.lower()}-{family_of(bases[0])}", law=law, reference="de Boor 1978, A Practical Guide to Splines")
 
-    return (declare(0, "Free", "a sum of splines", coefficients),
-            declare(1, "Simple", "simple laws", shapes))
+    return (declare(0, "Free", "a sum of splines", coefficients), declare(1, "Simple", "simple laws", shapes))
 
 
 # In the stage of the elastic force, so that the damping multiplies it, as it does what a wall or a stop would add.

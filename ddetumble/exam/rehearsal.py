@@ -30,7 +30,7 @@ from ..measurement.quantities import describe_quantity, format_plain
 from ..planning.detectability import read_plan, tell_records
 from ..selection.detectability import find_size
 from ..selection.discover import discover
-from ..selection.problem import SelectionProblem, fit_reference, pose_selection
+from ..selection.problem import SelectionProblem, fit_reference, pose_selection, require_computed
 from .cases import COUNTS, STRONGEST, find_kind, mark_discovery
 
 
@@ -165,10 +165,7 @@ def prepare_plan(asked: Rehearsal) -> Prepared:
                                        interval=asked.interval)
         selection = pose_selection(campaign, resolved.reference, own, resolved.effects)
         solution = selection.problem.solve(selection.base, selection.start, moving=False)
-        if solution.failed:
-            raise ComputationError(f"the reference model could not be integrated for record {solution.failed[0]!r}; "
-                                   "check its conditions and units")
-        return Prepared(selection, solution, own)
+        return Prepared(selection, require_computed(selection, solution), own)
     campaign = open_campaign(asked.plan)
     resolved = resolve_model(asked.model, name_family(campaign))
     selection, fitted = fit_reference(pose_selection(campaign, resolved.reference, own, resolved.effects))
@@ -192,8 +189,7 @@ def hide_effect(bench: Prepared, effect: type[AbstractEffect], random: np.random
         shape = p.kind == "shape"
         at[own] = start.get(own, p.transform.from_field(p.default)) if shape else p.transform.from_field(p.default)
         origin[selection.space.index[own]] = at[own]
-    found = find_size(selection.problem, solution, origin, name, strength * np.sqrt(selection.samples),
-                      jumps=True)
+    found = find_size(selection.problem, solution, origin, name, strength * np.sqrt(selection.samples), jumps=True)
     if found is None or not np.isfinite(found.size):
         return None
     at[name] = found.size

@@ -65,8 +65,7 @@ def read_pulses(campaign: Campaign) -> list[Pulse]:
         first, last = (int(before[-1]) if len(before) else 0), int(after[0])
         row = campaign.records.loc[key]
         conditions = {str(name): float(row[name]) for name in campaign.records.columns}
-        found.append(Pulse(conditions, time[first: last + 1] - time[first],
-                           np.maximum(force[first: last + 1], 0.0)))
+        found.append(Pulse(conditions, time[first: last + 1] - time[first], np.maximum(force[first: last + 1], 0.0)))
     return found
 
 

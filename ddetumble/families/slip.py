@@ -41,8 +41,7 @@ def observe_slip(law: Any, conditions: Mapping[str, Array], time: Array, row: An
     clock = time if "slip" in row.inputs else None
     found = simulate_sliding(law, conditions, path, way, clock)
     speed = conditions.get("slip_speed", jnp.ones(()))
-    return Observation(jnp.stack([found.tangential_force for _ in channels]), path, way * speed, time[-1],
-                       found.failed)
+    return Observation(jnp.stack([found.tangential_force for _ in channels]), path, way * speed, time[-1], found.failed)
 
 
 def follow_slip(campaign: Campaign, key: str, samples: Any) -> Path:

@@ -77,13 +77,13 @@ def polynomial(conditions: np.ndarray, degree: int) -> np.ndarray:
     return np.stack([np.prod(scaled[:, list(factors)], axis=1) for factors in products], axis=1)
 
 
-def choose_degree(conditions: np.ndarray, values: np.ndarray, weights: np.ndarray, most: int = MOST) -> int:
-    """Degree (0 to `most`) of the polynomial over the conditions with the smallest leave-one-out error."""
+def choose_degree(conditions: np.ndarray, values: np.ndarray, weights: np.ndarray) -> int:
+    """Degree (0 to `MOST`) of the polynomial over the conditions with the smallest leave-one-out error."""
     table = np.reshape(conditions, (len(conditions), -1))
     # Through as many places as it has terms it goes exactly, and says nothing.
     highest = max(len(np.unique(column)) for column in table.T) - 2 if table.size else 0
     errors = []
-    for degree in range(max(min(most, highest), 0) + 1):
+    for degree in range(max(min(MOST, highest), 0) + 1):
         columns = polynomial(table, degree)
         if columns.shape[1] >= len(values) and degree:
             break
@@ -140,8 +140,7 @@ def sample_values(campaign: Campaign, family: Family) -> Campaign:
               if name in family.values and bool(campaign.peaks[name].notna().to_numpy().any())}
     if not values:
         raise InputError(f"campaign {campaign.name!r} has none of the values that its kind of tests gives: "
-                         f"{', '.join(family.values) or 'there are none'}; it has: "
-                         f"{', '.join(campaign.peak_columns)}")
+                         f"{', '.join(family.values) or 'there are none'}; it has: {', '.join(campaign.peak_columns)}")
     table = campaign.peaks.loc[campaign.peaks[list(values)].notna().any(axis=1), list(values)]
     keys = [key for key in campaign.record_keys if key in table.index]
     table, records = table.loc[keys], campaign.records.loc[keys]

@@ -247,8 +247,7 @@ def draw_prior_predictive(replicates: Replicates, family: str = DEFAULT_FAMILY, 
         axes.fill_between(x, low, high, color=KIN, alpha=0.35, lw=0)
         axes.fill_between(x, below, above, color=KIN, alpha=0.7, lw=0)
         axes.plot(x, measured * shown.scale, color=INK, lw=1.0)
-    head_figure(figure, [key_line(INK, 1.0), key_band(KIN, 0.7, lw=None), key_band(KIN, 0.35, lw=None)],
-                words)
+    head_figure(figure, [key_line(INK, 1.0), key_band(KIN, 0.7, lw=None), key_band(KIN, 0.35, lw=None)], words)
     return figure
 
 
@@ -262,8 +261,7 @@ def draw_left_out(scores: Sequence[Scores], names: Sequence[str] = ()):
     """
     first = scores[0]
     varying = vary(one.conditions for one in first.scores)
-    labels = [describe_conditions(one.conditions, varying) or clean(", ".join(one.records), 20)
-              for one in first.scores]
+    labels = [describe_conditions(one.conditions, varying) or clean(", ".join(one.records), 20) for one in first.scores]
     figure = new_figure(1.2 + 0.235 * len(labels))
     axes = dress_rows(figure.add_subplot(), labels, fontsize=8.5 if len(labels) <= 24 else 7)
     drawn, label = [(one.values, one, shade) for one, shade in zip(scores, SHADES, strict=False)], ""

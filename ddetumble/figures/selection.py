@@ -157,8 +157,7 @@ def draw_ranking(candidates: Sequence[Candidate], chosen: Sequence[str] = (), co
     used = []
     for row, (candidate, name) in enumerate(zip(candidates, axes.get_yticklabels(), strict=True)):
         # What removes a misfit beyond chance is seen, however little of its signature at the null survives.
-        unseen = (math.isfinite(candidate.visible) and candidate.visible < invisible
-                  and candidate.p_value > CHANCE)
+        unseen = (math.isfinite(candidate.visible) and candidate.visible < invisible and candidate.p_value > CHANCE)
         kind = ADDED if candidate.effect in chosen else ALIKE if candidate.effect in confused else (
             UNSEEN if unseen else IDLE)
         used.append(kind)
@@ -197,8 +196,7 @@ def draw_parameters(steps: Mapping[str, Any], count: int = 8, narrow: bool = Fal
         names = list(final.parameters)
         pairs = [(a, b, float(pairs[i, i + 1 + j])) for i, a in enumerate(names) for j, b in enumerate(names[i + 1:])]
     correlations = sorted(pairs, key=lambda item: -abs(item[2]))[:count]
-    heights = (0.75 + (0.85 if narrow else 0.62) * len(final.parameters),
-               0.9 + 0.36 * max(len(correlations), FEWEST))
+    heights = (0.75 + (0.85 if narrow else 0.62) * len(final.parameters), 0.9 + 0.36 * max(len(correlations), FEWEST))
     figure = new_figure(sum(heights[: 1 + bool(correlations)]) if narrow else max(heights), NARROW if narrow else WIDTH)
     left = figure
     if correlations:

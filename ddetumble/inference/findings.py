@@ -350,7 +350,7 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
     known = known.widen(widened, solution.names)
     told, remedies = describe_knowledge(problem, solution, known, campaign)
     parameters, covariance, correlations, gaussians = estimate_parameters(problem, found, known, start)
-    counted = int(np.sum(np.asarray(problem.records.stack.weights)[: problem.records.count] > 0))
+    counted = int(problem.records.used.sum())
     degrees = counted + sum(name in found.names for name in problem.priors) - len(solution.names)
     notes = [*warnings, *(f"{n} was stopped at its {p.at_bound} bound: its own uncertainty is one-sided, and those of "
                           "the others assume it held there." for n, p in parameters.items() if p.at_bound),
@@ -378,9 +378,7 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
     if known.undetermined:
         state += "; not all parameters are determined by these records"
     shifts = list_nuisances(problem, solution)
-    pulls = {name: {record: own[name]["pull"] for record, own in shifts.items() if "pull" in own.get(name, {})}
-             for name in problem.records.nuisances}
-    goodness = judge_solution(problem, solution, degrees, noise, pulls)
+    goodness = judge_solution(problem, solution, degrees, noise, shifts)
     return Fit(
         campaign.name, campaign.title, campaign.sha256, model, effects, parameters, fixed,
         derive_quantities(space, solution.u, gaussians, covariance), covariance, correlations, solution.chi2, degrees,
@@ -391,11 +389,14 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
 
 
 def judge_solution(problem: Problem, solution: Solution, degrees: float, noise: Mapping[str, Noise],
-                   pulls: Mapping[str, Mapping[str, float]]) -> GoodnessOfFit:
-    """The goodness of a fit, whose chi-square has so many degrees of freedom; of values, of which there are few,
-    without what the priors add, under noise of which the same values tell little.
+                   shifts: Mapping[str, Mapping[str, Mapping[str, float]]]) -> GoodnessOfFit:
+    """The goodness of a fit, whose chi-square has so many degrees of freedom, and whose settings have moved by `shifts`
+    (of `list_nuisances`); of values, of which there are few, without what the priors add, under noise of which the same
+    values tell little.
     """
     chance = None
+    pulls = {name: {record: own[name]["pull"] for record, own in shifts.items() if "pull" in own.get(name, {})}
+             for name in problem.records.nuisances}
     if problem.records.are_values:
         chi2, degrees = measure_values(problem, solution)
         chance = judge_values(chi2, degrees, noise)

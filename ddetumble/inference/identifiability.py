@@ -255,8 +255,7 @@ def measure_values(problem: Problem, solution: Solution) -> tuple[float, float]:
     alone = release_priors(problem, solution)[1]
     columns, right = alone.projected()
     left = _span(np.concatenate([columns.reshape(right.size, columns.shape[2]), np.diag(alone.prior_weight)]))
-    counted = float(np.sum(np.asarray(problem.records.stack.weights)[: problem.records.count] > 0))
-    return float(np.sum(right**2)), counted - float(np.sum(left[: right.size] ** 2))
+    return float(np.sum(right**2)), float(problem.records.used.sum()) - float(np.sum(left[: right.size] ** 2))
 
 
 def list_disputed(problem: Problem, solution: Solution) -> tuple[str, ...]:
@@ -434,8 +433,7 @@ def _try_depression(problem: Problem, solution: Solution, blend: Blend) -> float
         if any(end.failed for end in ends):
             return 1.0
         slopes.append((ends[0].state - ends[1].state) / (2.0 * NUDGE * DEPRESSION_SD))
-    counted = np.asarray(problem.records.stack.weights)[: problem.records.count, 0] > 0
-    rows = np.where(counted[..., None], np.stack(slopes, axis=2), 0.0)
+    rows = np.where(problem.records.used[:, 0, :, None], np.stack(slopes, axis=2), 0.0)
     wider = dc.replace(solution, shared=np.concatenate([solution.shared, rows[:, :, :len(names)]], axis=1),
                        own=np.concatenate([solution.own, rows[:, :, len(names):]], axis=1),
                        residual=np.concatenate([solution.residual, np.zeros(rows.shape[:2])], axis=1))

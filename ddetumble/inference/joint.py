@@ -470,9 +470,7 @@ def _summarise(singles: Mapping[str, Fit], joint: JointProblem, found: Bounded, 
         rows = np.ix_([index[n] for n in places.values()], [index[n] for n in places.values()])
         own = {o: gaussians[n] for o, n in places.items()}
         shifts = list_nuisances(problem, at)
-        pulls = {name: {record: values[name]["pull"] for record, values in shifts.items() if "pull" in
-                        values.get(name, {})} for name in problem.records.nuisances}
-        goodness = judge_solution(problem, at, one.degrees, one.noise, pulls)
+        goodness = judge_solution(problem, at, one.degrees, one.noise, shifts)
         fits[label] = dc.replace(
             one, parameters={o: dc.replace(parameters[n], initial=one.parameters[o].estimate) for o, n in
                              places.items()}, covariance=covariance[rows], correlations=correlations[rows],

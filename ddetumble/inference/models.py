@@ -9,15 +9,7 @@ from typing import Any, TypeGuard, cast
 
 from .._errors import InputError
 from .._user_files import run_file, split_name
-from ..contact.effect import (
-    AbstractEffect,
-    AbstractLaw,
-    AbstractModel,
-    list_choices,
-    parameters_of,
-    parts_of,
-    read_field,
-)
+from ..contact.effect import AbstractEffect, AbstractLaw, AbstractModel, identify_model, parameters_of, read_field
 from ..contact.gripping import Striker
 from ..contact.law import Ball, PowerLaw
 from ..contact.sliding import AdhesionHysteresis, CoulombFriction, RubberFriction
@@ -134,7 +126,7 @@ def wrap_model(model: AbstractModel | type[AbstractModel] | AbstractLaw) -> Reso
 def _identify(reference: AbstractModel) -> tuple:
     """What makes two reference models one: parts, choices, and what no fit moves unless it is asked to."""
     held = tuple(float(read_field(reference, p.field)) for p in parameters_of(reference) if not p.free)
-    return tuple(type(part) for part in parts_of(reference)), tuple(list_choices(reference).items()), held
+    return *identify_model(reference), held
 
 
 def _describe_class(kind: type) -> str:

@@ -54,8 +54,7 @@ def call_kept(function: Callable[..., Any], static: tuple, name: str | None, lik
     with _one:  # two threads that want the same program trace it once
         program = _known.get(key)
         if program is None:
-            program = _known[key] = _prepare(function, static, name, like, arrays, f"{tree} {shapes}",
-                                                         platform)
+            program = _known[key] = _prepare(function, static, name, like, arrays, f"{tree} {shapes}", platform)
     return program(*arrays)
 
 

@@ -26,8 +26,8 @@ LOST = 100.0  # chi-square a sample beyond which a model is out of step, or poor
 
 def is_lost(problem: Problem, solution: Solution) -> bool:
     """Whether a fit leaves so much that it may be out of step with its records."""
-    used = float((np.asarray(problem.records.stack.weights)[: problem.records.count] > 0).sum())
-    return problem.space.family.free_running and (bool(solution.failed) or solution.chi2 > LOST * used)
+    return problem.space.family.free_running and (
+        bool(solution.failed) or solution.chi2 > LOST * float(problem.records.used.sum()))
 
 
 def _cut(stack: Stack, horizon: np.ndarray) -> Stack:

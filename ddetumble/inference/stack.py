@@ -77,6 +77,11 @@ class Records:
         """Whether every record is a single sample: values, of which a test gives one each, and no series."""
         return int(self.lengths.max()) == 1
 
+    @property
+    def used(self) -> np.ndarray:
+        """Which samples count, shape (records, channels, samples)."""
+        return np.asarray(self.stack.weights)[: self.count] > 0
+
     def whiten(self, record: int, channel: int, columns: np.ndarray) -> np.ndarray:
         """Columns over the samples of one channel, shape (samples, columns), as rows of the record's whitened
         residual, shape (rows, columns)."""

@@ -46,9 +46,9 @@ class Systematic:
         return self.seen < SHOWS and any(abs(away) > MATTERS for away in self.deviations.values())
 
 
-def measure_systematics(problem: Problem, solution: Solution, covariance: np.ndarray, campaign: Campaign,
-                        share: float = SHARE) -> tuple[Systematic, ...]:
-    """What an error by a share of every channel and condition, each by itself, does to the free parameters of a fit.
+def measure_systematics(problem: Problem, solution: Solution, covariance: np.ndarray, campaign: Campaign
+                        ) -> tuple[Systematic, ...]:
+    """What an error by `SHARE` of every channel and condition, each by itself, does to the free parameters of a fit.
 
     Left out are errors that the campaign states (they are parameters of the fit), and conditions that are taken as
     exact in a record.
@@ -56,7 +56,6 @@ def measure_systematics(problem: Problem, solution: Solution, covariance: np.nda
     Args:
         problem, solution, campaign: what was fitted, and how.
         covariance: of the free coordinates of the solution, shape (free, free).
-        share: the error.
     """
     records = problem.records
     stated = {common.column for common in problem.space.commons}
@@ -71,7 +70,7 @@ def measure_systematics(problem: Problem, solution: Solution, covariance: np.nda
             changes[name] = solution.own[:, :, k] * (values / deviations[:, k])[:, None]
     if not changes or not solution.names:
         return ()
-    more = share * np.stack(list(changes.values()), axis=2)
+    more = SHARE * np.stack(list(changes.values()), axis=2)
     free = len(solution.names)
     columns, _ = solution.projected(shared=np.concatenate([solution.shared, more], axis=2))
     prior = np.concatenate([np.diag(solution.prior_weight), np.zeros((free, more.shape[2]))], axis=1)
@@ -81,19 +80,19 @@ def measure_systematics(problem: Problem, solution: Solution, covariance: np.nda
     steps = np.linalg.lstsq(left / size, -right, rcond=1e-12)[0] / size[:, None]
     seen = np.linalg.norm(right + left @ steps, axis=0)
     sd = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    return tuple(_describe(problem, solution, name, share, steps[:, k] * solution.scales, sd, float(seen[k]))
+    return tuple(_describe(problem, solution, name, steps[:, k] * solution.scales, sd, float(seen[k]))
                  for k, name in enumerate(changes))
 
 
-def _describe(problem: AbstractProblem, solution: Solution, name: str, share: float, step: np.ndarray, sd: np.ndarray,
-              seen: float) -> Systematic:
+def _describe(problem: AbstractProblem, solution: Solution, name: str, step: np.ndarray, sd: np.ndarray, seen: float
+              ) -> Systematic:
     """A step of the free coordinates in the units of people."""
     moves, own = {}, {}
     for k, free in enumerate(solution.names):
         transform, u = problem.space.parameter(free).transform, float(solution.u[problem.space.index[free]])
         moves[free] = float(transform.from_unconstrained(u + step[k]) - transform.from_unconstrained(u))
         own[free] = float(step[k] / sd[k])
-    return Systematic(name, share, moves, own, seen)
+    return Systematic(name, SHARE, moves, own, seen)
 
 
 def tell_systematics(found: tuple[Systematic, ...]) -> str:

@@ -50,8 +50,7 @@ from .units import (
 
 RAW, GAUGE = "raw", "gauge"
 CLOCKS = ("time", "elapsed time", "time stamp", "t")  # names of a clock that is added: one that no column has
-SEVERAL = {"known", "keep", "drop", "units", "uncertainty", "common_uncertainty", "cut", "reverse", "zero",
-           "describe"}
+SEVERAL = {"known", "keep", "drop", "units", "uncertainty", "common_uncertainty", "cut", "reverse", "zero", "describe"}
 
 
 def import_tests(
@@ -130,8 +129,7 @@ def import_tests(
             raise InputError(f"--{option} does not apply to the family {kind.name}{hint}")
     parameters = _read_known(known, ambient, kind)
     own = [name for name in parameters if _is_own(name, kind)]
-    plan = make_plan(kind, force, time, slip, record_column, units, keep, drop,
-                     parameters.get("effective_mass"))
+    plan = make_plan(kind, force, time, slip, record_column, units, keep, drop, parameters.get("effective_mass"))
     plan.notes += [f"No model of the toolkit has a parameter {name}: it is kept, in SI, for a model of your own."
                    for name in own]
     if rate is not None:

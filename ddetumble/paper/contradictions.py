@@ -136,13 +136,13 @@ def list_contradictions(table: Mapping[str, np.ndarray], figure: Mapping[str, np
         make_point(3, {"volume_slope": slope, **tenth}),
         make_point(4, {f"delivered_{asked}": printed_restitution(asked) for asked in (0.8, 0.5)}),
         make_point(7, {"largest_percent": float(by_measured.max()), "eighth_percent": float(by_theory[7]),
-                        "mean_percent": float(by_measured.mean()), "largest_by_theory_percent": float(by_theory.max())},
-                    stated=STATED_ERROR, eighth=table["printed_error"][7], rows=rows),
+                       "mean_percent": float(by_measured.mean()), "largest_by_theory_percent": float(by_theory.max())},
+                   stated=STATED_ERROR, eighth=table["printed_error"][7], rows=rows),
         make_point(8, {span.replace(" to ", "-"): miss for span, miss in spans},
-                    closest=sorted(spans, key=lambda one: one[1]), rows=rows),
+                   closest=sorted(spans, key=lambda one: one[1]), rows=rows),
         make_point(9, {"stated": STATED_TIME, "shortest": float(min(times["ours"])),
-                        "longest": float(max(times["ours"])), "quarter_shortest": float(min(pushed)),
-                        "quarter_longest": float(max(pushed))}),
+                       "longest": float(max(times["ours"])), "quarter_shortest": float(min(pushed)),
+                       "quarter_longest": float(max(pushed))}),
         make_point(12, {"kappa": kappa, "rebound_ratio": reversed_restitution(kappa)}),
     ]  # fmt: skip
 
@@ -177,9 +177,9 @@ def list_wall_points(table: Mapping[str, np.ndarray], mass: float, peaks: np.nda
                                   jnp.asarray(POISSON))) * 5e-3 for radius in (outer, outer - thickness)]
     return [
         make_point(14, {"earlier": earlier, "printed": printed, "ours": ours, "ratio": earlier / printed, "mass": mass,
-                         "worst_percent": 100 * float(np.max(np.abs(peaks / table["measured"] - 1.0)[gas]))}),
+                        "worst_percent": 100 * float(np.max(np.abs(peaks / table["measured"] - 1.0)[gas]))}),
         make_point(15, {"constant": constant, "slope": slope, "bend": bend, "largest": missed},
-                    rows=len(table["printed"]), first=table["printed"][0]),
+                   rows=len(table["printed"]), first=table["printed"][0]),
         make_point(16, {
             "outside": 1e6 * float(sphere_volume(jnp.asarray(DIAMETER))),
             "cavity": 1e6 * float(sphere_volume(jnp.asarray(INNER))), "wall_low": min(wall), "wall_high": max(wall),
@@ -252,18 +252,18 @@ def list_friction_points(table: Mapping[str, np.ndarray]) -> list[Contradiction]
     others = float(np.max(np.delete(np.abs(gap - stated), [3, 10])))
     return [
         make_point(5, {"rest_load": rest, "no_load": float(slip_term(0.0, 0.0, True)),
-                        "largest_load": float(slip_term(0.0, most, True)), "sign_load": CHANGES_SIGN_AT,
-                        "slope_low": float(slopes.min()), "slope_high": float(slopes.max())}, most=most),
+                       "largest_load": float(slip_term(0.0, most, True)), "sign_load": CHANGES_SIGN_AT,
+                       "slope_low": float(slopes.min()), "slope_high": float(slopes.max())}, most=most),
         make_point(6, {"diverges_load": DIVERGES_ABOVE, "sign_load": CHANGES_SIGN_AT,
-                        "least_load": float(loads.min()), "largest_load": most,
-                        "diverging": int(np.sum(loads > DIVERGES_ABOVE)),
-                        "negative": int(np.sum(loads > CHANGES_SIGN_AT)),
-                        "term_high": float(term.max()), "term_low": float(term.min()), "best_slip": float(SLIPS[best]),
-                        "best_error": float(errors[best]), "tenth_error": float(np.interp(1e-4, SLIPS, errors)),
-                        "best_error_printed": float(scan_slip(loads, table["pressure"], printed, True).min())},
-                    rows=len(loads)),
+                       "least_load": float(loads.min()), "largest_load": most,
+                       "diverging": int(np.sum(loads > DIVERGES_ABOVE)),
+                       "negative": int(np.sum(loads > CHANGES_SIGN_AT)),
+                       "term_high": float(term.max()), "term_low": float(term.min()), "best_slip": float(SLIPS[best]),
+                       "best_error": float(errors[best]), "tenth_error": float(np.interp(1e-4, SLIPS, errors)),
+                       "best_error_printed": float(scan_slip(loads, table["pressure"], printed, True).min())},
+                   rows=len(loads)),
         make_point(13, {"fourth_percent": float(gap[3]), "eleventh_percent": float(gap[10]),
-                         "largest_percent": float(gap.max()), "others_points": others}, stated=stated),
+                        "largest_percent": float(gap.max()), "others_points": others}, stated=stated),
     ]  # fmt: skip
 
 

@@ -237,7 +237,7 @@ def list_simulation_points(found: Mapping[str, Any]) -> list[Contradiction]:
     turn, tilt = (max(one[name] for one in tables) for name in ("turn", "tilt"))
     return [
         make_point(10, {"turn": turn, "nutation": found["assumed_nutation"], "needed_low": 90.0 - tilt,
-                        "most_percent": 100 * found["taken_there_at_most"]}),
+                       "most_percent": 100 * found["taken_there_at_most"]}),
         make_point(11, {"step": STEP, "time": IMPACT_TIME, "seen_percent": 100 * found["two_steps_see"]}),
     ]
 

@@ -38,7 +38,7 @@ from ..measurement.quantities import describe_quantity, format_plain, join_words
 from ..measurement.tables import convert_column, read_table
 from ..measurement.units import check_unit, convert_text, parse_quantity, parse_uncertainty, si_unit
 from ..selection.detectability import Signature, detectable_length, find_size, measure_signature, reach_limit
-from ..selection.problem import SelectionProblem, pose_selection
+from ..selection.problem import SelectionProblem, pose_selection, require_computed
 from .setting_ranges import read_channels, read_noise
 
 
@@ -162,10 +162,7 @@ def map_effects(plan: Campaign | str | Path, model: Model = "paper", *, effects:
     bench = pose_selection(campaign, resolved.reference, tuple(effects), resolved.effects)
     # At the values given, or at those guessed from samples that are there.
     u = bench.start if table is not None else guess_start(campaign, bench.space, bench.start, bench.base)
-    solution = bench.problem.solve(bench.base, u, moving=False)
-    if solution.failed:
-        raise ComputationError(f"the reference model could not be integrated for record {solution.failed[0]!r}; check "
-                               "its conditions and units")
+    solution = require_computed(bench, bench.problem.solve(bench.base, u, moving=False))
     goal = detectable_length(len(bench.list_directions((), depth=float(solution.state.max()))))
     jobs = [(effect, f"{effect.id}.{p.name}", start) for effect in bench.catalogue for p in parameters_of(effect)
             if is_scored(p) for start in default_starts(effect)]
@@ -424,8 +421,7 @@ def read_plan(path: Path | str, model: Model = "paper", *, channels: Sequence[st
         {c: Column(c, si_unit(c), Uncertainty(sd)) for c, sd in noise.items()})
     law = _set_values(adapt_reference(plan, resolved.reference), known).extend(resolved.effects)
     samples = _simulate(plan, law, family, columns, step, last)
-    return (dc.replace(plan, samples=samples),
-            dc.replace(resolved, reference=_set_values(resolved.reference, known)))
+    return (dc.replace(plan, samples=samples), dc.replace(resolved, reference=_set_values(resolved.reference, known)))
 
 
 def _read_channels(channels: Sequence[str] | None, family: Family) -> dict[str, float]:

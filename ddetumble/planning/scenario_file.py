@@ -216,8 +216,7 @@ class LimitTable(Strict):
         default=None, description="centre of the area that may be struck, in the coordinates of the shape (from the "
         "centre of mass of uniform density) [m]; refused where no place of the surface is so near to it as "
         "`target_radius`.")
-    target_radius: Length | None = Field(
-        default=None, description="largest distance of first touch from `target` [m].")
+    target_radius: Length | None = Field(default=None, description="largest distance of first touch from `target` [m].")
     within: Literal["", "measured"] = Field(
         default="", description="`measured`: the plan stays within what the contact model was fitted to (pressure, "
         "approach and tangential speed, force and depression), and says what that costs. Where nothing that slides was "

@@ -225,8 +225,7 @@ def split_effects(text: str) -> tuple[str, ...]:
     if parts == ("none",):
         return ()
     if not all(parts) or "none" in parts:
-        raise InputError(f"{text!r} names no model: give effects separated by commas, or `none` alone",
-                         option="effect")
+        raise InputError(f"{text!r} names no model: give effects separated by commas, or `none` alone", option="effect")
     return parts
 
 

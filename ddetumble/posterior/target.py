@@ -238,8 +238,7 @@ class CampaignTarget(AbstractTarget):
             return {}
         values = np.asarray(jax.vmap(lambda point: jnp.stack([value for value, _ in build(point).derive().values()]))(
             jnp.asarray(x)))
-        return {name: (own, unit) for (name, unit), own in zip(units.items(), values.T, strict=True)
-                if np.ptp(own) > 0}
+        return {name: (own, unit) for (name, unit), own in zip(units.items(), values.T, strict=True) if np.ptp(own) > 0}
 
     def refine(self, draws: np.ndarray) -> AbstractTarget:
         """As the base class has it: nuisances are sampled where the linear integral turns out to be off."""

@@ -191,9 +191,8 @@ def show_fits(models: Mapping[str, Sequence[Trace]]) -> Section:
             pictures.append(draw_picture(f"values-{channel}", caption, figures.draw_values, models, channel))
             continue
         spread = " spread over the conditions" if list_varying(first) else ""
-        caption = (f"{_begin(channel)} of records{spread}: measured (dots) and modelled (lines). Below each, "
-                   "measured minus model in units of the noise, single samples faint and their running "
-                   "mean as a line.")
+        caption = (f"{_begin(channel)} of records{spread}: measured (dots) and modelled (lines). Below each, measured "
+                   "minus model in units of the noise, single samples faint and their running mean as a line.")
         if any(find_stretch(trace) != find_span(trace) for trace in first if trace.channel == channel):
             caption += " For records with too many turns to be resolved, only the end is drawn."
         alt = (f"{_begin(channel)} over {view.along} for up to eight records with {' and '.join(models)}, and their "

@@ -358,7 +358,7 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
     # What a model that fails leaves is no measure of the noise: there the stated size counts.
     level = {c: dc.replace(n, sd=n.stated_sd or n.sd) for c, n in bench.noise.items()} if lack.rejected else bench.noise
     traces = make_traces(campaign, bench.records, solution, level)
-    used = (np.asarray(bench.records.stack.weights)[: bench.records.count] > 0).sum(axis=(1, 2))
+    used = bench.records.used.sum(axis=(1, 2))
     chi2 = np.sum(solution.residual ** 2, axis=1) + np.sum(solution.z**2, axis=1)
     own_traces = {key: [t for t in traces if t.record == key] for key in map(str, campaign.record_keys)}
     records = pd.DataFrame([{"record": key, **some[0].conditions, **_join_channels(some)}

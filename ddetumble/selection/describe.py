@@ -75,8 +75,7 @@ def describe_step(selection: SelectionProblem, grown: FittedStep, before: Fitted
     added = None
     if before is not None:
         added = next((e for e in fitted.effects if e not in before.fitted.effects), fitted.effects[-1])
-    alternatives = tuple({"effect": e, "heldout_difference": d, "standard_error": s}
-                         for e, d, s in grown.alternatives)
+    alternatives = tuple({"effect": e, "heldout_difference": d, "standard_error": s} for e, d, s in grown.alternatives)
     covariance, names = solution.covariance(), solution.names
     sd = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     pairs = [(names[i], names[j], float(covariance[i, j] / (sd[i] * sd[j])))

@@ -148,8 +148,7 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
     def _mark(self, fit: Fit) -> FittedModel:
         """A fitted model with the verdict of this discovery."""
         found, last = fit.fitted_model(), self.steps[-1]
-        is_open = (self.verdict in OPEN
-                   or (self.verdict == "undecided" and last.lack_of_fit.rejected))
+        is_open = self.verdict in OPEN or (self.verdict == "undecided" and last.lack_of_fit.rejected)
         misfit = measure_ratio(last.traces) if is_open and self.noise_nrmse > 0 else None
         return dc.replace(found, extra={**found.extra, "verdict": self.verdict, "misfit": misfit})
 
@@ -195,8 +194,7 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
                 for old in (folder / part).glob(f"*/{FILE}"):  # of an earlier discovery
                     old.unlink()
                 for number, one in enumerate(fits, 1):
-                    save_model(folder / part / str(number),
-                               self._mark(one) if part == RIVALS else one.fitted_model())
+                    save_model(folder / part / str(number), self._mark(one) if part == RIVALS else one.fitted_model())
         write_json(folder / RESULT, {**self.to_dict(), "versions": list_versions()})
         return folder / RESULT
 

@@ -201,8 +201,7 @@ def has_power(selection: SelectionProblem, score: Score) -> bool:
     count = int(selection.samples) + len(selection.priors)
     left = count - len(selection.base)
     strength = SIGNATURE**2 * selection.samples * score.visible
-    rest, degrees = (left - known, known) if known else (
-        left, 2.0 / doubt_level(selection.noise) ** 2)
+    rest, degrees = (left - known, known) if known else (left, 2.0 / doubt_level(selection.noise) ** 2)
     if rest < 1:
         return False
     return bool(stats.ncf.sf(stats.f.isf(limits.level_each, rest, degrees), rest, degrees, strength) >= 0.5)

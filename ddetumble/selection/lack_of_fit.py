@@ -53,8 +53,7 @@ def judge_fit(problem: Problem, solution: Solution, bases: Sequence[sparse.csr_m
     how = (f", calibrated within records by a parametric bootstrap of {settings.bootstrap} draws of the whitened "
            "noise" if problem.space.family.free_running else "")
     moved = ", and how far the settings of the records were moved from what was written down" if shifts else ""
-    repeats = "" if repeats_p_value is None else (
-        ", and what repeats over the records (random signs of whole records)")
+    repeats = "" if repeats_p_value is None else ", and what repeats over the records (random signs of whole records)"
     numbers = ("two", "three", "four")
     times = numbers[1 + bool(repeats)]
     decides = (f"the smallest, times {times} as there are so many chances of a small one, decides" if moved else

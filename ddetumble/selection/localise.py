@@ -27,8 +27,7 @@ def fit_directions(selection: SelectionProblem, base: Fitted, scores: Sequence[S
         own = sorted((s for s in scores if s.effect == direction.id), key=lambda s: -abs(s.z))
         line = getattr(direction, "line", None)
         if line is not None:
-            sizes = {f"{direction.id}.{p.name}": 0.3 * p.typical
-                     for p in parameters_of(direction) if p.kind != "shape"}
+            sizes = {f"{direction.id}.{p.name}": 0.3 * p.typical for p in parameters_of(direction) if p.kind != "shape"}
             frequency = (scan_line(selection, base, [(direction.id, name, line) for name in sizes])
                          if selection.family.free_running else find_line(selection, base))
             if frequency:
@@ -179,7 +178,7 @@ def _place_values(selection: SelectionProblem, fitted: Fitted) -> list[Place]:
     """
     records, table = selection.records, selection.campaign.records
     residual = fitted.solution.residual.reshape(records.count, len(records.channels), -1)[..., 0]
-    valid = np.asarray(records.stack.weights)[: records.count, :, 0] > 0
+    valid = records.used[..., 0]
     places = []
     for c, channel in enumerate(records.channels):
         r = residual[valid[:, c], c]
@@ -219,8 +218,7 @@ def _bin_excess(selection: SelectionProblem, fitted: Fitted, bins: int
     """Misfit beyond noise in bins of the state: edges, by channel its phases apart, shape (2, bins), and how many."""
     solution, records = fitted.solution, selection.records
     samples = np.asarray(records.stack.time).shape[1]
-    residual = solution.residual.reshape(records.count, len(records.channels), samples)
-    valid = np.asarray(records.stack.weights)[: records.count] > 0
+    residual, valid = solution.residual.reshape(records.count, len(records.channels), samples), records.used
     top = float(solution.state.max())
     if top <= 0:
         return np.linspace(0.0, 1.0, bins + 1), {}, 0

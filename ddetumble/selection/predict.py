@@ -294,8 +294,7 @@ def _predict_model(saved: FittedModel, request: Request) -> pd.DataFrame:
     for channel in channels:
         result[channel], result[f"{channel}_sd"], result[f"{channel}_sd_new"] = found[channel]
     result.attrs["notes"] = tuple(dict.fromkeys([*saved.notes, *notes]))
-    result.attrs["settings"] = {key: {n: float(v[k]) for n, v in settings.items()}
-                                for k, (key, _) in enumerate(groups)}
+    result.attrs["settings"] = {key: {n: float(v[k]) for n, v in settings.items()} for k, (key, _) in enumerate(groups)}
     return result
 
 

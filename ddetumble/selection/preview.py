@@ -115,7 +115,7 @@ def preview_effects(fit: Fit, candidates: Sequence[Candidate]) -> Preview | None
     return Preview(
         fit.campaign, fit.model, tuple(fit.effects), channel, fit.source.channels[channel].unit,
         "time" if clock is None else clock.name, tuple(levers), records.keys,
-        (np.asarray(stack.weights)[: records.count].reshape(records.count, -1) > 0).sum(axis=1),
+        records.used.sum(axis=(1, 2)),
         tuple(time[r, k] for r, k in enumerate(keep)), tuple(values[r, 0, k] for r, k in enumerate(keep)),
         tuple(solution.channels[r, 0, k] for r, k in enumerate(keep)),
         tuple(change[:, r][:, k] for r, k in enumerate(keep)), np.sum(right**2, axis=1),
@@ -134,7 +134,7 @@ def _move(problem: Problem, solution: Solution, u: np.ndarray, name: str, effect
         return None
     column = whole.residual - solution.residual
     off = half.residual - solution.residual - 0.5 * column
-    used = max(int((np.asarray(problem.records.stack.weights) > 0).sum()), 1)
+    used = max(int(problem.records.used.sum()), 1)
     values = [space.public(name, solution.u + t * way, 0.0)["estimate"] for t in np.linspace(low, 1.0, MARKS)]
     lever = Lever(name, effect, space.unit(name, u), low, tuple(map(float, values)),
                   float(np.sqrt(np.sum(off**2) / used)))

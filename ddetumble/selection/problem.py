@@ -112,7 +112,7 @@ class SelectionProblem:
     @cached_property
     def samples(self) -> float:
         """How many samples of all channels count."""
-        return float((np.asarray(self.records.stack.weights) > 0).sum())
+        return float(self.records.used.sum())
 
     @cached_property
     def groups(self) -> np.ndarray:
@@ -368,18 +368,18 @@ def fit_reference(selection: SelectionProblem) -> tuple[SelectionProblem, Fitted
     """
     # From a start guessed from the contact times, else from the defaults.
     guess = guess_start(selection.campaign, selection.space, selection.start, list(selection.base))
-    solution = _require(selection, solve_progressively(selection.problem, selection.base, guess))
+    solution = require_computed(selection, solve_progressively(selection.problem, selection.base, guess))
     priors = assume_typical(selection.problem, solution, selection.start)
     if priors:
         selection = dc.replace(selection, priors=priors).restack({})
-        solution = _require(selection, solve_progressively(selection.problem, selection.base, guess))
+        solution = require_computed(selection, solve_progressively(selection.problem, selection.base, guess))
     settings, noise = selection.settings.noise, {}
     for _ in range(settings.looks):
         before, noise = noise, measure_noise(selection.campaign, selection.records, solution, settings, noise)
         selection = dc.replace(selection, guess=guess, noise=noise)
         if differs_from_stated(noise, settings):
             selection = selection.restack(noise)
-            solution = _require(selection, selection.problem.solve(selection.base, solution.u, solution.z))
+            solution = require_computed(selection, selection.problem.solve(selection.base, solution.u, solution.z))
         if not has_more_hum(before, noise):
             break
     told = (*selection.warnings, *describe_assumed(selection.problem, priors, solution))
@@ -387,7 +387,7 @@ def fit_reference(selection: SelectionProblem) -> tuple[SelectionProblem, Fitted
     return selection, selection.file((), solution)
 
 
-def _require(selection: SelectionProblem, solution: Solution) -> Solution:
+def require_computed(selection: SelectionProblem, solution: Solution) -> Solution:
     """The same fit, if every record could be computed."""
     if solution.failed:
         raise ComputationError(

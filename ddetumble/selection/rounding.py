@@ -53,7 +53,7 @@ def find_rounding(selection: SelectionProblem, steps: Sequence[FittedStep]) -> R
     stack, first, last = selection.records.stack, steps[0].fitted.solution, steps[-1].fitted.solution
     count, size, digits = selection.records.count, np.asarray(stack.time).shape[1], {}
     for c, channel in enumerate(selection.records.channels):
-        rows, used = slice(c * size, (c + 1) * size), np.asarray(stack.weights)[:count, c] > 0
+        rows, used = slice(c * size, (c + 1) * size), selection.records.used[:, c]
         if np.sum(first.residual[:, rows] ** 2 - last.residual[:, rows] ** 2) <= selection.settings.significant:
             continue
         change = float(np.abs(last.channels[:count, c] - first.channels[:count, c])[used].max(initial=0.0))

@@ -69,9 +69,7 @@ def split_error(records: Records, channels: np.ndarray, used: np.ndarray | None 
     samples that count beside those that the fit leaves out, shape (records, samples).
     """
     values = np.asarray(records.stack.values)[: records.count]
-    there = np.asarray(records.stack.weights)[: records.count] > 0
-    if used is not None:
-        there = there & used[:, None, :]
+    there = records.used if used is None else records.used & used[:, None, :]
     below = np.sum(np.where(there, values, 0.0) ** 2, axis=(0, 2))
     above = np.sum(np.where(there, values - channels, 0.0) ** 2, axis=2)
     with np.errstate(invalid="ignore"):

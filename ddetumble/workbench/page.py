@@ -151,8 +151,7 @@ def _(bench, controls, effects, values):
 @app.cell
 def _(bench, controls, effects, fit_button, fitted, set_bench, values):
     mo.stop(not fit_button.value)
-    _new, _refused = attempt("fitting", wb.fit, bench,
-                             wb.choose(controls, effects.value, values.value, fitted.value))
+    _new, _refused = attempt("fitting", wb.fit, bench, wb.choose(controls, effects.value, values.value, fitted.value))
     mo.stop(_new is None, _refused)
     set_bench(_new)
     return

@@ -25,8 +25,7 @@ def read_spreadsheet(path: Path) -> dict[str, Rows]:
 def _trim(table: Rows) -> Rows:
     """Rows and columns with something in them, all rows of one length."""
     filled = sorted({j for _, cells in table for j, cell in enumerate(cells) if cell})
-    return [(line, row) for line, cells in table
-            if any(row := [cells[j] if j < len(cells) else "" for j in filled])]
+    return [(line, row) for line, cells in table if any(row := [cells[j] if j < len(cells) else "" for j in filled])]
 
 
 def _write_cell(value, percent: bool = False) -> str:

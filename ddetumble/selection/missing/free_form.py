@@ -276,7 +276,7 @@ class FreeBench:
     def _list_terms(self) -> list[Term]:
         """Terms that this campaign could show, over the ranges that the model and the records' conditions visit."""
         solution, records, family, ground = self.model.solution, self.records, self.family, self.ground
-        valid = (np.asarray(records.stack.weights)[: records.count] > 0).any(axis=1)
+        valid = records.used.any(axis=1)
         state, rate = solution.state[valid], solution.state_rate[valid]
         time = np.asarray(records.stack.time)[: records.count][valid]
         ranges = {family.state: (0.0, ground.reach * float(state.max())),

@@ -133,7 +133,7 @@ def find_lone(losses: np.ndarray, selection: SelectionProblem) -> tuple[str, ...
 
     `losses` are held out, of every condition, in noise variances.
     """
-    rows = (np.asarray(selection.records.stack.weights)[: selection.records.count] > 0).sum(axis=(1, 2))
+    rows = selection.records.used.sum(axis=(1, 2))
     excess = np.array([loss - rows[selection.groups == g].sum() for g, loss in enumerate(losses)])
     first = int(np.argmax(excess))
     if len(excess) < 2 or excess[first] < LONE * np.maximum(excess, 0.0).sum():
@@ -192,7 +192,7 @@ def _describe_shape(bench: FreeBench, drawn: Drawn, best: Drawn) -> Shape:
 def _visit(bench: FreeBench, drawn: Drawn, term: Term, x: np.ndarray) -> np.ndarray:
     """Share of the samples whose variable lies nearer to each place than half a spacing of the places."""
     solution, records = drawn.solution, bench.records
-    valid = (np.asarray(records.stack.weights)[: records.count] > 0).any(axis=1)
+    valid = records.used.any(axis=1)
     time = np.asarray(records.stack.time)[: records.count]
     if term.condition:
         values = np.broadcast_to(np.asarray(records.stack.conditions[term.variable])[: records.count, None], time.shape)
