@@ -310,8 +310,7 @@ def test_law_is_drawn_on_its_shape():
     ([0.0, 500.0, 0.0], ("r2", "r3")), ([30.0, 500.0, 20.0], ("r2", "r3")), ([30.0, 500.0, 30.0], ()),
     ([500.0, -5.0, 40.0], ("r0", "r1")), ([0.0, 0.0, 500.0], ("r4",))])
 def test_one_condition_alone_shows_it(excess, lone):
-    weights = np.ones((8, 1, 10))  # three rows of padding
-    records = SimpleNamespace(stack=SimpleNamespace(weights=weights), count=5, keys=("r0", "r1", "r2", "r3", "r4"))
+    records = SimpleNamespace(used=np.ones((5, 1, 10), dtype=bool), count=5, keys=("r0", "r1", "r2", "r3", "r4"))
     problem = SimpleNamespace(records=records, groups=np.array([0, 0, 1, 1, 2]))
     assert find_lone(np.array([20.0, 20.0, 10.0]) + excess, problem) == lone
     text = summarise_missing(dc.replace(invent(), lone=lone))

@@ -543,7 +543,7 @@ def test_smooth_misfit_is_what_splines_would_gain(shared, free_running):
 def test_degrees_of_freedom_of_values_with_priors(weight):
     """A prior takes its parameter's part of the hat matrix: of all rows but those of the priors, less the nuisances."""
     linear = Linear(7, weight=weight)
-    records = SimpleNamespace(count=RECORDS, stack=SimpleNamespace(weights=np.ones((RECORDS, 1, ROWS))))
+    records = SimpleNamespace(count=RECORDS, used=np.ones((RECORDS, 1, ROWS), dtype=bool))
     solution = linear.solve()
     held = dc.replace(solution, prior_residual=np.zeros(SHARED))  # priors that agree
     total, degrees = measure_values(SimpleNamespace(records=records), held)
@@ -558,7 +558,7 @@ def test_degrees_of_freedom_of_values_with_priors(weight):
 def test_values_of_a_model_that_was_given():
     """Without free parameters all that is left counts, with as many degrees of freedom as there are values."""
     linear = Linear(10, shared=0)
-    records = SimpleNamespace(count=RECORDS, stack=SimpleNamespace(weights=np.ones((RECORDS, 1, ROWS))))
+    records = SimpleNamespace(count=RECORDS, used=np.ones((RECORDS, 1, ROWS), dtype=bool))
     total, degrees = measure_values(SimpleNamespace(records=records), linear.solve())
     assert total == pytest.approx(linear.fit()[2], rel=1e-9) and degrees == RECORDS * ROWS
     assert weigh_priors(linear.solve()).shape == (0,)
@@ -583,7 +583,7 @@ class Posed:
 
     def __init__(self, names, counted, solve):
         self.priors = {name: (0.0, 1.0) for name in names}
-        self.records = SimpleNamespace(count=len(counted), stack=SimpleNamespace(weights=counted))
+        self.records = SimpleNamespace(count=len(counted), used=counted > 0)
         self._solve = solve
 
     def solve(self, names, u, z, max_steps):

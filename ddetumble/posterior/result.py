@@ -258,11 +258,9 @@ def summarise_posterior(target: AbstractTarget, sampler: str, settings: Mapping[
                      "density was taken as zero")
     for k, name in enumerate(target.names):
         values, size = public[..., k].ravel(), float(convergence.sizes[k])
-        sd = float(values.std())
-        low, middle, high = (float(q) for q in np.quantile(values, [0.025, 0.5, 0.975]))
-        parameters[name] = Estimate(
-            float(values.mean()), sd, low, middle, high, sd / float(np.sqrt(max(size, 1.0))), size,
-            float(convergence.rhats[k]), float(centre[k]), float(spread[k]), target.units[k])
+        mean, sd, *quantiles = _summarise_draws(values)
+        parameters[name] = Estimate(mean, sd, *quantiles, sd / float(np.sqrt(max(size, 1.0))), size,
+                                    float(convergence.rhats[k]), float(centre[k]), float(spread[k]), target.units[k])
         # Where a limit cuts the posterior off, the fit's interval does not hold, the draws' does.
         for limit, end, bound, q in ((target.low[k], "lower", "below", 0.95), (target.high[k], "upper", "above", 0.05)):
             if np.isfinite(limit) and np.mean(np.abs(x[..., k] - limit) < 0.5 * x[..., k].std()) > CUT:
@@ -271,8 +269,12 @@ def summarise_posterior(target: AbstractTarget, sampler: str, settings: Mapping[
                 break
     found = Posterior(target, sampler, dict(settings), x, log_density, convergence, dict(statistics), parameters, state,
                       tuple(notes))
-    derived = {}
-    for name, (own, unit) in target.derive(found.thinned()[0].reshape(-1, x.shape[-1])).items():
-        low, middle, high = (float(q) for q in np.quantile(own, [0.025, 0.5, 0.975]))
-        derived[name] = Spread(float(own.mean()), float(own.std()), low, middle, high, unit)
-    return dc.replace(found, derived=derived)
+    derived = target.derive(found.thinned()[0].reshape(-1, x.shape[-1]))
+    return dc.replace(found, derived={name: Spread(*_summarise_draws(own), unit)
+                                      for name, (own, unit) in derived.items()})
+
+
+def _summarise_draws(values: np.ndarray) -> tuple[float, float, float, float, float]:
+    """Mean, standard deviation, and the quantiles 2.5, 50 and 97.5 % of draws."""
+    low, middle, high = map(float, np.quantile(values, [0.025, 0.5, 0.975]))
+    return float(values.mean()), float(values.std()), low, middle, high

@@ -131,19 +131,24 @@ def write_page(
                 shown[i] = _encode(render_image(pictures[i].figure, dpi))
     images = {picture: pair for picture, *pair in zip(pictures, shown, narrow, strict=True)}
     headline, rest = split_sentence(sentence)
-    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True,
-                                     undefined=jinja2.StrictUndefined)
-    environment.filters |= {
-        "prose": format_prose, "table": _read_table, "width": lambda figure: round(WIDE * figure.get_size_inches()[0]),
-        "sentence": lambda text: format_prose(text if isinstance(text, markupsafe.Markup) else begin_sentence(text)),
-    }  # fmt: skip
-    html = environment.from_string(read_text("page.html")).render(
+    html = read_template("page.html").render(
         title=clean(title, 120), headline=headline, rest=rest, sections=sections, images=images, verdict=verdict,
         badge=badge, status=list(filter(None, status)), facts=facts, style=read_text("page.css"))
     for picture, (image, _) in zip(pictures, packed, strict=True):
         write_bytes(folder / "figures" / f"{picture.name}.png", image)
     write_bytes(folder / name, html.encode("utf-8", "replace"))
     return folder / name
+
+
+def read_template(name: str) -> jinja2.Template:
+    """The template in a file beside this one, which escapes what it is given."""
+    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True,
+                                     undefined=jinja2.StrictUndefined)
+    environment.filters |= {
+        "prose": format_prose, "table": _read_table, "width": lambda figure: round(WIDE * figure.get_size_inches()[0]),
+        "sentence": lambda text: format_prose(text if isinstance(text, markupsafe.Markup) else begin_sentence(text)),
+    }  # fmt: skip
+    return environment.from_string(read_text(name))
 
 
 def read_text(name: str) -> str:

@@ -126,13 +126,18 @@ def _trace_edges(surface: AbstractSurface) -> list[list[list[float]]]:
         ends = [float(surface.radius) * ring + [0.0, 0.0, z * float(surface.length)] for z in (-0.5, 0.5)]
         lines = [*ends, *(np.stack([end[k] for end in ends]) for k in range(0, 48, 6))]
     elif isinstance(surface, Polytope):
-        normals, offsets = np.asarray(surface.normals), np.asarray(surface.offsets)
-        corners = HalfspaceIntersection(np.column_stack([normals, -offsets]), np.zeros(3)).intersections
-        on = np.abs(corners @ normals.T - offsets) < 1e-6 * offsets.max()
+        corners, offsets = _find_corners(surface), np.asarray(surface.offsets)
+        on = np.abs(corners @ np.asarray(surface.normals).T - offsets) < 1e-6 * offsets.max()
         lines = [corners[[i, j]] for i in range(len(corners)) for j in range(i) if np.sum(on[i] & on[j]) >= 2]
     else:
         lines = [float(surface.reach()) * np.roll(ring, axis, axis=1) for axis in range(3)]
     return [np.asarray(line).round(4).tolist() for line in lines]
+
+
+def _find_corners(surface: Polytope) -> np.ndarray:
+    """Corners of a polytope, shape (corners, 3) [m]."""
+    planes = np.column_stack([np.asarray(surface.normals), -np.asarray(surface.offsets)])
+    return HalfspaceIntersection(planes, np.zeros(3)).intersections
 
 
 def _place_names(surface: AbstractSurface) -> list[dict[str, Any]]:
@@ -353,10 +358,8 @@ def _describe_shape(surface: AbstractSurface) -> str:
     if isinstance(surface, CylinderSurface):
         return f"cylinder of radius {float(surface.radius):.4g} m and length {float(surface.length):.4g} m"
     if isinstance(surface, Polytope):
-        normals, offsets = np.asarray(surface.normals), np.asarray(surface.offsets)
-        corners = HalfspaceIntersection(np.column_stack([normals, -offsets]), np.zeros(3)).intersections
-        sizes = " × ".join(f"{one:.4g}" for one in np.ptp(corners, axis=0))
-        return f"{len(normals)} faces, {sizes} m along body x, y, z"
+        sizes = " × ".join(f"{one:.4g}" for one in np.ptp(_find_corners(surface), axis=0))
+        return f"{len(surface.normals)} faces, {sizes} m along body x, y, z"
     return f"sphere of radius {float(surface.reach()):.4g} m"
 
 

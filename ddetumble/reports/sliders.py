@@ -4,7 +4,6 @@ import base64
 import dataclasses as dc
 import json
 
-import jinja2
 import markupsafe
 import numpy as np
 
@@ -12,7 +11,7 @@ from ..inference.files import make_plain
 from ..measurement.quantities import describe_quantity
 from ..measurement.units import si_unit
 from ..selection.preview import Preview
-from .page import Section, read_text
+from .page import Section, read_template, read_text
 
 
 def show_sliders(preview: Preview) -> Section:
@@ -33,10 +32,7 @@ def show_sliders(preview: Preview) -> Section:
     }  # fmt: skip
     # As few digits as chi-square needs, and nothing that could end the script.
     text = json.dumps(_round(make_plain(data))).replace("<", "\\u003c")
-    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True,
-                                     undefined=jinja2.StrictUndefined)
-    html = environment.from_string(read_text("sliders.html")).render(
-        levers=preview.levers, data=text, script=read_text("sliders.js"))
+    html = read_template("sliders.html").render(levers=preview.levers, data=text, script=read_text("sliders.js"))
     following = " and ".join([*["initial rates"] * preview.has_starts,
                               *["settings, within their stated uncertainty,"] * preview.has_settings]).rstrip(",")
     return Section("Try an effect by hand", [
