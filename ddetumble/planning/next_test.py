@@ -16,10 +16,10 @@ from .._display import Progress
 from .._errors import ComputationError, InputError
 from .._sentences import say, tell
 from ..families import find_family, list_families
-from ..inference.archive import FILE, AbstractFitted, FittedModel, load, take_fitted
+from ..inference.archive import AbstractFitted, FittedModel, load, take_fitted
 from ..inference.files import AbstractWritten, list_fields, list_versions, make_plain
 from ..measurement.quantities import describe_quantity, format_plain, join_words
-from ..posterior.stacking import read_discovery
+from ..posterior.stacking import list_numbered, read_discovery
 from ..selection.discovery import Discovery
 from ..selection.result import EXPLANATIONS, OPEN, RESULT
 from ..selection.settings import DEFAULT
@@ -237,10 +237,7 @@ def _read_question(folder: Path) -> Question:
     """The same of a folder that `discover` wrote."""
     rivals, verdict = read_discovery(folder)
     content = json.loads((folder / RESULT).read_text(encoding="utf-8"))
-    places = sorted((file.parent for file in folder.glob(f"{EXPLANATIONS}/*/{FILE}")),
-                    key=lambda place: (len(place.name), place.name))
-    # Files of earlier versions name an error of a setting, and hold no model of it.
-    expected = content.get("explanations", content.get("setting_biases", ()))
+    places, expected = list_numbered(folder, EXPLANATIONS), content.get("explanations", ())
     if len(places) < len(expected):
         raise InputError("the models between which the verdict leaves open are not in this folder; run discover again",
                          file=folder)

@@ -253,8 +253,13 @@ def read_discovery(folder: Path) -> tuple[list[FittedModel], str]:
 
 def list_rivals(folder: Path) -> list[Path]:
     """The folder of a discovery's model, and those below it of the models that its last step could not tell from it."""
-    others = (file.parent for file in folder.glob("rivals/*/model.json"))
-    return [folder, *sorted(others, key=lambda place: (len(place.name), place.name))]
+    return [folder, *list_numbered(folder, "rivals")]
+
+
+def list_numbered(folder: Path, part: str) -> list[Path]:
+    """Folders of the models that a part of a folder holds, by their numbers."""
+    found = (file.parent for file in folder.glob(f"{part}/*/model.json"))
+    return sorted(found, key=lambda place: (len(place.name), place.name))
 
 
 def average_fits(fits: Sequence[Fit], report: Progress, seed: int = 0, notes: Sequence[str] = ()) -> ModelWeights:

@@ -395,7 +395,7 @@ def follow_states(law: ContactLaw, conditions: dict, time: Array, depression: Ar
         after = states + 0.5 * h * (first + slope(k + 1, states + h * first))
         return after, after
 
-    begin = jnp.stack([e.initial() for e in law.stateful()])
+    begin = law.begin_states()
     return jnp.concatenate([begin[None], jax.lax.scan(advance, begin, jnp.arange(len(time) - 1))[1]])
 
 
@@ -436,7 +436,7 @@ def _observe(law: ContactLaw, motion: Motion, z: Array) -> Array:
         after = y + h / 6.0 * (a + 2.0 * b + 2.0 * c + d)
         return after, after[:2]
 
-    start = jnp.stack([jnp.zeros(()), conditions["approach_speed"], *(e.initial() for e in law.stateful())])
+    start = jnp.concatenate([jnp.stack([jnp.zeros(()), conditions["approach_speed"]]), law.begin_states()])
     path = jnp.concatenate([start[None, :2], jax.lax.scan(advance, start, jnp.arange(STEPS))[1]])
     depth, rate = path[:, 0], path[:, 1]
     t = jnp.clip(motion.time - shifts[1], 0.0, motion.end)
