@@ -9,6 +9,10 @@ from collections.abc import Callable, Sequence
 Progress = Callable[[str, float], object]
 
 
+def stay_silent(text: str, share: float) -> None:
+    """The report of work that nobody follows."""
+
+
 WORTH_TELLING = 10.0  # s: what is left of a shorter work needs no estimate
 
 

@@ -73,8 +73,12 @@ def sit_exam(
         if (noise, fault, bench, tests) != ("drawn", "drawn", "stated", "full"):
             raise InputError("--noise, --fault, --bench and --tests belong to --family: a rehearsal has the noise and "
                              "the tests of its campaign")
-        asked = _read_rehearsal(plan, kinds, seed=seed, model=model, effects_from=effects_from, channels=channel,
-                                uncertainties=uncertainty, values=value, length=length, interval=interval)
+        from ..exam.rehearsal import HIDDEN, Rehearsal
+
+        locate_plan(plan, channel=channel, uncertainty=uncertainty, value=value, length=length, interval=interval)
+        # As it was given: the results name it, and shipped campaigns lie elsewhere on another machine.
+        asked = Rehearsal(plan, model, seed, kinds or HIDDEN, effects_from and str(effects_from), tuple(channel or ()),
+                          tuple(uncertainty or ()), tuple(value or ()), length, interval)
     from ..exam.examination import ANSWERS, QUESTIONS, examine
     from ..exam.scorecard import PAGE, write_scorecard
 
@@ -89,19 +93,6 @@ def sit_exam(
     if len(card["failures"]) > 10:
         typer.echo(f"- and {len(card['failures']) - 10} more")
     typer.echo(f"Report: {output / PAGE}")
-
-
-def _read_rehearsal(plan: str, kinds: tuple[str, ...], *, effects_from: Path | None, channels: Texts,
-                    uncertainties: Texts, values: Texts, **more):
-    """The rehearsal that the options mean."""
-    from ..exam.rehearsal import HIDDEN, Rehearsal
-
-    locate_plan(plan, channel=channels, uncertainty=uncertainties, value=values, length=more["length"],
-                interval=more["interval"])
-    # As it was given: the results name it, and shipped campaigns lie elsewhere on another machine.
-    return Rehearsal(plan, truths=kinds or HIDDEN, effects_from=effects_from and str(effects_from),
-                     channels=tuple(channels or ()), uncertainties=tuple(uncertainties or ()),
-                     values=tuple(values or ()), **more)
 
 
 @command("trust", "Allow a Python file that a campaign or a model names to be run.", "trust tests/own_kind.py")

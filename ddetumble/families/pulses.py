@@ -88,8 +88,7 @@ def list_value_guesses(campaign: Campaign, space: Any, start: np.ndarray, free: 
     return [guess]
 
 
-def list_guesses(campaign: Campaign, space: Any, start: np.ndarray, free: Sequence[str]
-                 ) -> list[np.ndarray]:
+def list_guesses(campaign: Campaign, space: Any, start: np.ndarray, free: Sequence[str]) -> list[np.ndarray]:
     r"""Coordinates from which fits of impacts begin, the likeliest first.
 
     Impulse, duration and approach speed give the mass and, by $J = m v_1 (1 + e)$, the restitution; with both, the

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .._display import Progress
+from .._display import Progress, stay_silent
 from .._errors import ComputationError, InputError, offer_names
 from ..contact.effect import AbstractEffect, is_absent, parameters_of, require_effect
 from ..families import find_family, name_family, open_campaign
@@ -65,7 +65,7 @@ def fit(campaign: Campaign | str | Path, model: Model = "paper", effects: Sequen
         InputError: The campaign cannot be fitted, or a name or value makes no sense.
         ComputationError: The model could not be integrated from any start.
     """
-    report = progress or (lambda text, share: None)
+    report = progress or stay_silent
     if not isinstance(campaign, Campaign) and Path(campaign).suffix == ".toml":
         path = Path(campaign)
         wanted, digest = read_specification(path)

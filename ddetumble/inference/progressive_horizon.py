@@ -75,8 +75,7 @@ def solve_progressively(problem: Problem, free: Sequence[str], start: np.ndarray
     return problem.solve(free, u, share, **options)
 
 
-def _solve_one_by_one(problem: Problem, free: Sequence[str], start: np.ndarray, plain: Solution, **options
-                      ) -> Solution:
+def _solve_one_by_one(problem: Problem, free: Sequence[str], start: np.ndarray, plain: Solution, **options) -> Solution:
     """Fit what the values feel most, with the rest where it starts, then one parameter more with each fit; the `plain`
     fit where that leaves less.
 

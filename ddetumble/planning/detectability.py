@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from .._display import Progress
+from .._display import Progress, stay_silent
 from .._errors import ComputationError, InputError, error_place, offer_names
 from .._numerics import map_threads, scalar
 from ..contact.effect import AbstractEffect, is_scored, parameters_of, read_field
@@ -150,7 +150,7 @@ def map_effects(plan: Campaign | str | Path, model: Model = "paper", *, effects:
         InputError: plan or option make no sense.
         ComputationError: the reference model cannot be computed there.
     """
-    report = progress or (lambda text, share: None)
+    report = progress or stay_silent
     table = None if isinstance(plan, Campaign) or not Path(plan).is_file() else Path(plan)
     if table is not None:
         campaign, resolved = read_plan(table, model, channels=channels, uncertainties=uncertainties, values=values,

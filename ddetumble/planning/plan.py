@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from .._display import AbstractPrinted, Progress
+from .._display import AbstractPrinted, Progress, stay_silent
 from .._errors import ComputationError, InputError, error_place
 from .._sentences import say
 from ..contact.gripping import StrikeLaw
@@ -341,7 +341,7 @@ def plan_scenario(scenario: Scenario, here: Path, path: Path | None = None, *, p
 
 def _plan(problem: StrikeProblem, settings: PlanSettings, laws: Laws | None, contacts: Mapping[str, FittedModel], *,
           progress: Progress | None) -> Plan:
-    tell, how = progress or (lambda text, share: None), settings
+    tell, how = progress or stay_silent, settings
     late, wait = float(problem.limits.window[1]), problem.limits.shortest_wait()
     if how.impacts > 1 and late < wait:
         raise InputError(f"the latest wait, {late:g} s, is before the shortest between two impacts, {wait:g} s (the "

@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from .._display import Progress
+from .._display import Progress, stay_silent
 from .._errors import InputError
 from ..inference.files import claim_folder, hold_folder, write_whole
 from ..inference.specification import EFFECTIVE
@@ -85,7 +85,7 @@ class AbstractSampler(ABC):
 
 
 def run_chains(sampler: type[AbstractSampler], target: AbstractTarget, settings: Settings, folder: Path | None = None,
-               progress: Progress = lambda text, share: None) -> Posterior:
+               progress: Progress = stay_silent) -> Posterior:
     """Sample until every parameter has as many independent draws as wanted and the chains agree; blocks are kept in the
     folder, if there is one, and a chain that is there goes on.
 

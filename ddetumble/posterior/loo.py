@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from .._display import Progress
+from .._display import Progress, stay_silent
 from .._errors import ComputationError
 from .proposal import Mixture, Part, describe_draws, seed_random
 from .target import AbstractTarget
@@ -90,7 +90,7 @@ def limit_shape(draws: int) -> float:
 
 
 def score_conditions(target: AbstractTarget, x: np.ndarray, likelihoods: np.ndarray, base: np.ndarray | None = None, *,
-                     independent: float = 1.0, seed: int = 0, report: Progress = lambda text, share: None) -> Scores:
+                     independent: float = 1.0, seed: int = 0, report: Progress = stay_silent) -> Scores:
     """Leave every condition out once, by draws, shape (draws, free), and likelihoods of parts, shape (draws, parts).
 
     `base` is the logarithm of the posterior over the density that the draws come from, shape (draws,), None for draws

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array
 from scipy import stats
 
-from .._display import Progress
+from .._display import Progress, stay_silent
 from .._sentences import say
 from ..inference.problem import simulate_records
 from .target import CampaignTarget, Plan, map_blocks
@@ -117,7 +117,7 @@ def draw_nuisances(target: CampaignTarget, x: np.ndarray, rng: np.random.Generat
     return z, residual, model
 
 
-def check_posterior(target: CampaignTarget, x: np.ndarray, report: Progress = lambda text, share: None) -> Checks:
+def check_posterior(target: CampaignTarget, x: np.ndarray, report: Progress = stay_silent) -> Checks:
     """Hold every record against replicates of it, from draws of the coordinates, shape (draws, free)."""
     report("replicating the records", 0.0)
     rng = np.random.default_rng([0, 7])  # of its own

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._display import AbstractPrinted, Progress, align_table
+from .._display import AbstractPrinted, Progress, align_table, stay_silent
 from ..contact.transform import TRANSFORMS
 from ..inference.files import check_folder, list_fields, list_versions, make_plain, write_json, write_whole
 from .diagnostics import Convergence
@@ -138,7 +138,7 @@ class Posterior(AbstractPrinted):
         found = self.log_likelihood
         return flat, self.target.likelihoods(flat).reshape(*x.shape[:2], -1) if found is None else found
 
-    def examine(self, report: Progress = lambda text, share: None) -> "Posterior":
+    def examine(self, report: Progress = stay_silent) -> "Posterior":
         """The same with a check of its priors, posterior predictive checks and scores of left-out conditions.
 
         The last two where it has several parts.

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from .._display import Progress
+from .._display import Progress, stay_silent
 from .._errors import InputError
 from ..contact.effect import AbstractEffect
 from ..inference.archive import Model
@@ -25,10 +25,9 @@ CHAIN = "chain"  # folder of the blocks
 
 def sample(source: Campaign | Fit | AbstractTarget | str | Path, model: Model = "paper",
            effects: Sequence[str | type[AbstractEffect]] = (), *, sampler: str | None = None,
-           folder: str | Path | None = None, progress: Progress | None = None,
-           walkers: int | None = None, ensembles: int | None = None, burn: int | None = None,
-           block: int | None = None, effective: int | None = None, most: int | None = None, seed: int | None = None,
-           **fitting: Any) -> Posterior:
+           folder: str | Path | None = None, progress: Progress | None = None, walkers: int | None = None,
+           ensembles: int | None = None, burn: int | None = None, block: int | None = None,
+           effective: int | None = None, most: int | None = None, seed: int | None = None, **fitting: Any) -> Posterior:
     """Sample the posterior of the parameters of a model, with the nuisances of every record integrated out.
 
     Args:
@@ -48,7 +47,7 @@ def sample(source: Campaign | Fit | AbstractTarget | str | Path, model: Model = 
         InputError: The campaign cannot be fitted, or there is no posterior as nothing bounds a parameter.
         ComputationError: The model cannot be computed.
     """
-    report = progress or (lambda text, share: None)
+    report = progress or stay_silent
     given = {"walkers": walkers, "ensembles": ensembles, "burn": burn, "block": block, "effective": effective,
              "most": most, "seed": seed}
     stated, named = {}, "emcee"

@@ -17,7 +17,7 @@ import numpy as np
 import pydantic
 from scipy import optimize
 
-from .._display import AbstractPrinted, Progress, align_table
+from .._display import AbstractPrinted, Progress, align_table, stay_silent
 from .._errors import ComputationError, InputError
 from .._sentences import say
 from .._settings import list_shipped
@@ -168,7 +168,7 @@ def average(source: Campaign | str | Path | AbstractRivals | Sequence[Fit], mode
         InputError: The campaign cannot be fitted, two rivals are the same, there is but one, or an effect is unknown.
         ComputationError: A model cannot be computed.
     """
-    report = progress or (lambda text, share: None)
+    report = progress or stay_silent
     notes: list[str] = []
     if isinstance(source, (AbstractRivals, Sequence)) and not isinstance(source, str):
         if models or fitting:

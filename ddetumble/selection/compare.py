@@ -8,7 +8,7 @@ from typing import Any, ClassVar, overload
 import numpy as np
 import pandas as pd
 
-from .._display import Progress
+from .._display import Progress, stay_silent
 from .._errors import ComputationError, InputError
 from .._sentences import Sentence, say
 from .._user_files import split_name
@@ -288,7 +288,7 @@ def compare(campaign, *models, refit=True, progress=None):
         InputError: the campaign cannot be used.
         ComputationError: a model could not be integrated.
     """
-    report = progress or (lambda text, share: None)
+    report = progress or stay_silent
     campaign = open_campaign(campaign)
     find_family(name_family(campaign), "compare")
     names = [name_model(model, name_family(campaign)) for model in models or ("paper",)]

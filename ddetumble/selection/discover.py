@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._display import Progress, nest_progress
+from .._display import Progress, nest_progress, stay_silent
 from .._errors import ComputationError, InputError
 from .._sentences import say
 from .._settings import forget_programs
@@ -73,7 +73,7 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
         ComputationError: the reference model could not be integrated.
     """
     began = time.perf_counter()
-    report = progress or (lambda text, share: None)
+    report = progress or stay_silent
     for effect in effects:
         require_effect(effect, instances=False)
     campaign = open_campaign(campaign)

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .._display import Progress, nest_progress, tell_left
+from .._display import Progress, nest_progress, stay_silent, tell_left
 from .._numerics import map_threads
 from ..contact.effect import Parameter
 from ..inference import distributions as stats
@@ -81,7 +81,7 @@ class Path:
         return not self.keep_physical()[0][-1].lack.rejected
 
 
-def select_effects(selection: SelectionProblem, reference: Fitted, report: Progress = lambda text, share: None,
+def select_effects(selection: SelectionProblem, reference: Fitted, report: Progress = stay_silent,
                    most: int | None = None) -> Path:
     """Forward selection beside a fitted reference model with up to `most` additions: by default as many as stand before
     other reference models are worth a try."""
@@ -92,7 +92,7 @@ def select_effects(selection: SelectionProblem, reference: Fitted, report: Progr
     return extend_path(start, selection.settings.effects_before_rivals if most is None else most, report)
 
 
-def extend_path(path: Path, most: int, report: Progress = lambda text, share: None) -> Path:
+def extend_path(path: Path, most: int, report: Progress = stay_silent) -> Path:
     """The same with up to `most` additions."""
     selection, steps = path.selection, list(path.steps)
     if selection.records.are_values:
@@ -155,7 +155,7 @@ def extend_path(path: Path, most: int, report: Progress = lambda text, share: No
 
 
 def add_effect(selection: SelectionProblem, current: FittedStep, tried: CandidateFits,
-               report: Progress = lambda text, share: None) -> tuple[SelectionProblem, FittedStep | None]:
+               report: Progress = stay_silent) -> tuple[SelectionProblem, FittedStep | None]:
     """Add the effect of `tried` that helps most; None where none helps. With two or more effects, exchanges are tried
     too; shapes are freed, and what has become needless is taken back."""
     base, chosen = current.fitted, tried.refined[tried.order[0]]
@@ -258,7 +258,7 @@ def start_anew(selection: SelectionProblem, fitted: Fitted) -> dict[str, float]:
 
 
 def try_effects(selection: SelectionProblem, current: Fitted, scores: Sequence[Score],
-                report: Progress = lambda text, share: None) -> CandidateFits:
+                report: Progress = stay_silent) -> CandidateFits:
     """Refit `current` with each effect of the catalogue added, from interior starts; a wrong sign counts as absent.
 
     All are fitted loosely, long records thinned; those that come near the best are fitted to all samples to the end.
@@ -447,7 +447,7 @@ def pass_over(selection: SelectionProblem, current: Fitted, tried: CandidateFits
     return dc.replace(tried, refined=refined, order=(*first, *(effect for effect in rest if effect not in refined)))
 
 
-def allow_scatter(path: Path, report: Progress = lambda text, share: None) -> Path:
+def allow_scatter(path: Path, report: Progress = stay_silent) -> Path:
     """The same search with settings that scatter more than stated, where that explains the records.
 
     It does where the scatter is beyond doubt beside all effects that were found (which may only imitate it), leaves no
@@ -491,7 +491,7 @@ def _would_do(selection: SelectionProblem, fitted: Fitted) -> bool:
     return not selection.span(again.solution).test_lack_of_fit(again)[0].rejected
 
 
-def allow_wander(path: Path, report: Progress = lambda text, share: None) -> Path:
+def allow_wander(path: Path, report: Progress = stay_silent) -> Path:
     """The same search with baselines that wander, where these explain what misfit is left.
 
     They do where they are beyond doubt beside all effects that were found, leave no misfit, and nothing of what they
@@ -531,8 +531,7 @@ def free_chosen(selection: SelectionProblem, chosen: Fitted) -> SelectionProblem
 
 
 def exchange_effects(selection: SelectionProblem, chosen: Fitted, tried: CandidateFits, base: Fitted,
-                     report: Progress = lambda text, share: None
-                     ) -> tuple[SelectionProblem, Fitted, CandidateFits, Fitted]:
+                     report: Progress = stay_silent) -> tuple[SelectionProblem, Fitted, CandidateFits, Fitted]:
     """Exchange each earlier effect for any other while that predicts left-out conditions better.
 
     The first of a pair is chosen while the second is still missing, and may be a third effect that mimics both.

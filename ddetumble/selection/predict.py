@@ -215,9 +215,8 @@ def _convert(table: Table, named: tuple[str, str | None], name: str, wanted: str
     return np.asarray(unit.convert(numbers), dtype=float)
 
 
-def predict(model: str | Path | FittedModel | AbstractFitted | ModelWeights,
-            conditions: str | Path | pd.DataFrame, *, gauge: bool | None = None,
-            ambient: str | float | None = None) -> pd.DataFrame:
+def predict(model: str | Path | FittedModel | AbstractFitted | ModelWeights, conditions: str | Path | pd.DataFrame, *,
+            gauge: bool | None = None, ambient: str | float | None = None) -> pd.DataFrame:
     """Predict records at new conditions: mean, its standard deviation, and that of a new measurement.
 
     Args:

@@ -8,7 +8,7 @@ import dataclasses as dc
 from collections.abc import Callable
 from typing import Any
 
-from .._display import Progress, nest_progress
+from .._display import Progress, nest_progress, stay_silent
 from .._errors import ComputationError
 from ..measurement.campaign import Campaign
 from .data_errors import AMBIENT
@@ -59,7 +59,7 @@ def add_atmosphere(campaign: Campaign) -> Campaign | None:
 
 
 def find_restatement(campaign: Campaign, path: Path, begin: Callable[[Campaign], tuple[SelectionProblem, Fitted]],
-                     shared: bool, settings: SelectionSettings, report: Progress = lambda text, share: None
+                     shared: bool, settings: SelectionSettings, report: Progress = stay_silent
                      ) -> tuple[Restatement, tuple[str, ...]] | None:
     """What was stated wrongly throughout a campaign, if anything, and the ids of the effects that are missing then;
     None where nothing stated otherwise is a better explanation than what was found of it as it is written down.

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..._display import Progress
+from ..._display import Progress, stay_silent
 from ..._errors import InputError
 from ..._sentences import Sentence, join_sentences, say
 from ...contact.effect import AbstractEffect
@@ -37,9 +37,8 @@ WHOLE = 0.9  # share that it removes where nothing but noise and details are lef
 
 
 def draw_missing_force(campaign: Campaign | str | Path, model: Model = "paper", *,
-                       effects: Sequence[type[AbstractEffect]] = (), catalogue: bool = True,
-                       keep_all: bool = False, settings: SelectionSettings = DEFAULT,
-                       progress: Progress | None = None) -> MissingForce:
+                       effects: Sequence[type[AbstractEffect]] = (), catalogue: bool = True, keep_all: bool = False,
+                       settings: SelectionSettings = DEFAULT, progress: Progress | None = None) -> MissingForce:
     """Estimate the force that a model lacks by splines inside the equation of motion.
 
     Args:
@@ -58,7 +57,7 @@ def draw_missing_force(campaign: Campaign | str | Path, model: Model = "paper", 
         InputError: the campaign cannot be used (wrong family, values without a curve, nothing to fit).
         ComputationError: the reference model could not be integrated.
     """
-    report = progress or (lambda text, share: None)
+    report = progress or stay_silent
     campaign = open_campaign(campaign)
     family = find_family(name_family(campaign), "missing")
     find_ground(family)
