@@ -10,18 +10,7 @@ import numpy as np
 import pandas as pd
 
 from ..families import View
-from ..measurement.quantities import (
-    Quantity,
-    clean,
-    describe_conditions,
-    describe_quantity,
-    format_number,
-    format_share,
-    say_p,
-    shorten,
-    shorten_names,
-    vary,
-)
+from ..measurement import quantities as q
 from ..selection.result import Place, SettingShift, Trace
 from ..selection.series import list_channels
 from ..selection.text import choose_view
@@ -79,10 +68,12 @@ def draw_residual_map(models: Mapping[str, Sequence[Trace]], narrow: bool = Fals
                           if one.record in traces else nothing for one in order]) for traces in own]
         finite = np.abs(np.concatenate([one[np.isfinite(one)] for one in maps]))
         limit = max(2.0, float(np.quantile(finite, 0.99)) if finite.size else 2.0)
-        names, short = vary(trace.conditions for trace in order), shorten_names((trace.record for trace in order), 18)
+        names = q.vary(trace.conditions for trace in order)
+        short = q.shorten_names((trace.record for trace in order), 18)
         every = max(1, math.ceil(len(order) * 0.135 / height))  # rows whose labels do not overlap
         told = () if narrow else names[:3]
-        labels = ["" if i % every else f"{describe_conditions(trace.conditions, told)}   {short[trace.record]}".strip()
+        labels = ["" if i % every else
+                  f"{q.describe_conditions(trace.conditions, told)}   {short[trace.record]}".strip()
                   for i, trace in enumerate(order)]
         rows[channel] = maps, group_condition(order, names[0] if names else ""), labels, limit
 
@@ -159,8 +150,8 @@ def _draw_panels(models, channels: Sequence[str], narrow: bool, height: float, d
         for k, (name, axes) in enumerate(zip(models, row, strict=True)):
             last = channel == channels[-1] and (k == len(models) - 1 or not narrow)
             image = draw(dress(axes, ""), channel, k, k == 0 or narrow, last)
-            title = clean(name, 80)
-            title = title if len(channels) == 1 else f"{describe_quantity(channel).name}: {title}"
+            title = q.clean(name, 80)
+            title = title if len(channels) == 1 else f"{q.describe_quantity(channel).name}: {title}"
             axes.set_title(wrap_text(title, (width - room[not narrow]) / across))
         colours = figure.colorbar(image, ax=list(row), pad=0.015, aspect=aspect * (len(models) if narrow else 1), **bar)
         colours.outline.set_visible(False)
@@ -175,12 +166,12 @@ def _grid_errors(traces: Sequence[Trace]):
     Conditions that would make too many rows are pooled too.
     """
     most = choose_view(traces).conditions
-    names = list(vary(trace.conditions for trace in traces)[:most])
+    names = list(q.vary(trace.conditions for trace in traces)[:most])
     varying = [name for name in names if name in list_varying(traces)]
     names = varying if len(varying) > 1 else names[:2]
     if len(names) < 2:
         order = sort_traces(traces)
-        short = shorten_names((trace.record for trace in order), 14)
+        short = q.shorten_names((trace.record for trace in order), 14)
         return (np.array([[measure_error(trace) for trace in order]]), [short[trace.record] for trace in order], [""],
                 "record", "")
     levels = {name: list_levels(traces, name) for name in names}
@@ -191,7 +182,7 @@ def _grid_errors(traces: Sequence[Trace]):
     table["square"] = [measure_error(trace) ** 2 for trace in traces]
     squares = {cell: own.mean() for cell, own in table.groupby(names)["square"]}
     values = np.sqrt([[squares.get((x, *row), np.nan) for x in across] for row in up])
-    first, *rest = (describe_quantity(name, levels[name]) for name in names)
+    first, *rest = (q.describe_quantity(name, levels[name]) for name in names)
     rows = [" · ".join(one.format(value) for one, value in zip(rest, row, strict=True)) for row in up]
     return values, [first.format(value) for value in across], rows, first.label, " ·\n".join(one.label for one in rest)
 
@@ -271,7 +262,7 @@ def draw_dependence(
         low, high = reach[row]
         axes.set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
     look = {"width": 1.1, "marker": "o", "ms": 4}
-    entries = [(key_line(colour, **look), clean(name, 60)) for name, colour in zip(traces, colours, strict=True)]
+    entries = [(key_line(colour, **look), q.clean(name, 60)) for name, colour in zip(traces, colours, strict=True)]
     if view.phases:
         entries.append((key_line(GREY, ls=":", mfc="white", **look), f"open: {view.phases[1]}"))
     entries.append((key_band(), "from noise alone, 95 %"))
@@ -282,7 +273,7 @@ def draw_dependence(
     return figure
 
 
-def _mark_places(axes, places: Sequence[Place], shown: Quantity, width: float) -> None:
+def _mark_places(axes, places: Sequence[Place], shown: q.Quantity, width: float) -> None:
     """Shade where the misfit sits, with words above in lines of that width [inch]."""
     told: list[tuple[float, float]] = []
     for place in places:
@@ -294,11 +285,11 @@ def _mark_places(axes, places: Sequence[Place], shown: Quantity, width: float) -
         (low, high), middle = axes.get_xlim(), 0.5 * (start + end)
         share = (middle - low) / (high - low)
         x, side = (low, "left") if share < 0.4 else (high, "right") if share > 0.6 else (middle, "center")
-        text = f"{format_share(place.share)} of the misfit"
+        text = f"{q.format_share(place.share)} of the misfit"
         if place.removes is not None and place.share > 0.995:  # a range that is all there is says nothing
-            text = f"{format_share(place.removes)} of the misfit explained by a simple force"
+            text = f"{q.format_share(place.removes)} of the misfit explained by a simple force"
         if place.period is not None and math.isfinite(place.period):
-            text += f", every {format_number(shown.scale * place.period)} {shown.unit}".rstrip()
+            text += f", every {q.format_number(shown.scale * place.period)} {shown.unit}".rstrip()
         axes.annotate(wrap_text(text, width, 8), (x, 1), xycoords=("data", "axes fraction"), ha=side, va="bottom",
                       fontsize=8, color=GREY)
 
@@ -306,10 +297,10 @@ def _mark_places(axes, places: Sequence[Place], shown: Quantity, width: float) -
 def _choose_edges(traces: Sequence[Trace], variable: str, view: View):
     """Edges of the bins, and how the variable is shown: even bins over a state, one bin a level of a condition."""
     if variable == "time":
-        return np.linspace(0, 1, 21), Quantity("time", "", 1.0)
+        return np.linspace(0, 1, 21), q.Quantity("time", "", 1.0)
     values = np.concatenate([find_values(trace, variable, view) for trace in traces])
     values = values[np.isfinite(values)]
-    shown = Quantity(view.series, "", 1.0) if variable == "sequence" else describe_quantity(variable, values)
+    shown = q.Quantity(view.series, "", 1.0) if variable == "sequence" else q.describe_quantity(variable, values)
     if variable == "direction":
         return np.array([-1.5, 0.0, 1.5]), shown
     if variable in (view.state, view.rate):
@@ -341,12 +332,12 @@ def draw_missing_force(models: Mapping[str, Sequence[Trace]], channel: str | Non
     edges = np.linspace(0, max(deepest, 1e-9), _count_bins(own, view))
     strongest = view.strongest or channel != view.force
     forces = {trace.channel for trace in first} & {"normal_force", "tangential_force"}
-    which = f"{describe_quantity(channel).name}:\n" if len(forces) > 1 else ""
+    which = f"{q.describe_quantity(channel).name}:\n" if len(forces) > 1 else ""
     name = (_find_strongest(own, varying, edges, view) if strongest else varying[0]) if varying else ""
-    shown = describe_quantity(channel, own[0].measured, own[0].unit)
-    condition = describe_quantity(name, [trace.conditions.get(name, math.nan) for trace in own])
+    shown = q.describe_quantity(channel, own[0].measured, own[0].unit)
+    condition = q.describe_quantity(name, [trace.conditions.get(name, math.nan) for trace in own])
     levels = list_levels(own, name) if name else [math.nan]
-    state = describe_quantity(view.state, edges)
+    state = q.describe_quantity(view.state, edges)
     lines = len(models) * len(phases) if narrow else len(models) if view.phases else 1
     width = NARROW if narrow else WIDTH
     figure = new_figure(0.5 + 2.6 * lines, width)
@@ -373,7 +364,7 @@ def draw_missing_force(models: Mapping[str, Sequence[Trace]], channel: str | Non
             if axes is panels[0, 0] and name:
                 labels.append(f"{'' if labels else condition.name} {condition.format(level)} {condition.unit}".strip())
                 handles.append(line)
-        title = f"{clean(label, 80)}: {phase}" if phase else clean(label, 80)
+        title = f"{q.clean(label, 80)}: {phase}" if phase else q.clean(label, 80)
         axes.set_title(wrap_text(title, width / panels.shape[1] - 0.6))
     for axes in panels[-1]:
         axes.set_xlabel(state.label)
@@ -429,7 +420,7 @@ def draw_noise_sizes(traces: Sequence[Trace], noise: Mapping[str, Mapping[str, A
         bent = np.concatenate([(x[1:-1] - 0.5 * (x[:-2] + x[2:])) / math.sqrt(1.5) for x in residuals])
         reading = np.concatenate([np.abs(trace.model[1:-1]) for trace in own])
         kept = np.isfinite(bent)
-        shown = describe_quantity(channel, own[0].measured, own[0].unit)
+        shown = q.describe_quantity(channel, own[0].measured, own[0].unit)
         order = np.argsort(reading[kept], kind="stable")
         parts = np.array_split(order, max(min(len(order) // 60, 14), 1))
         bent, reading = shown.scale * bent[kept], shown.scale * reading[kept]
@@ -474,10 +465,10 @@ def draw_shifts(models: Mapping[str, Sequence[SettingShift]], narrow: bool = Fal
             axes.plot(np.arange(1, len(shift.shifts) + 1), shift.shifts, mark, color=colour, ms=4.5, lw=0)
             top = max(top, 1.15 * float(np.max(np.abs(shift.shifts), initial=0.0)))
             if math.isfinite(shift.rms):
-                whose = f"{shorten(label, 28)}: " if len(models) > 1 else ""
-                remarks.append(f"{whose}rms {format_number(shift.rms, 2)}, {say_p(shift.p_value)}")
+                whose = f"{q.shorten(label, 28)}: " if len(models) > 1 else ""
+                remarks.append(f"{whose}rms {q.format_number(shift.rms, 2)}, {q.say_p(shift.p_value)}")
         axes.set_ylim(-top, top)
-        words = "time origin" if name == "time" else describe_quantity(name).name
+        words = "time origin" if name == "time" else q.describe_quantity(name).name
         axes.set_title("\n".join([words[:1].upper() + words[1:], *(remarks if narrow else ())]),
                        fontsize=8.5 if narrow else 9.5)
         if not narrow:
@@ -487,5 +478,5 @@ def draw_shifts(models: Mapping[str, Sequence[SettingShift]], narrow: bool = Fal
     panels[-1].margins(x=0.02)
     panels[-1].xaxis.get_major_locator().set_params(integer=True)
     head_figure(figure, [*(key_dot(colour, 5, mark) for _, colour, mark in looks), key_band(edgecolor=PALE, lw=None)],
-                [*(clean(label, 80) for label, *_ in looks), "two stated standard deviations"])
+                [*(q.clean(label, 80) for label, *_ in looks), "two stated standard deviations"])
     return figure

@@ -8,16 +8,7 @@ import numpy as np
 from matplotlib.ticker import LogLocator
 
 from ..inference.findings import Fitted
-from ..measurement.quantities import (
-    clean,
-    format_error,
-    format_number,
-    format_value,
-    name_steps,
-    say_p,
-    shorten,
-    typeset,
-)
+from ..measurement import quantities as q
 from ..selection.compare import Comparison, Comparisons
 from ..selection.discovery import Discovery
 from ..selection.result import Candidate, Estimate, Step
@@ -63,7 +54,7 @@ def draw_error_by_step(steps: Comparisons | Discovery | Sequence[Step | Comparis
         floor: rms of the noise over that of the signal; the smallest that the result has, or none, where not given.
     """
     if isinstance(steps, Discovery):
-        names, floor = names or name_steps(steps), steps.noise_nrmse if math.isnan(floor) else floor
+        names, floor = names or q.name_steps(steps), steps.noise_nrmse if math.isnan(floor) else floor
         steps = steps.steps
     elif isinstance(steps, Comparisons):
         names = names or steps.names
@@ -105,11 +96,11 @@ def draw_error_by_step(steps: Comparisons | Discovery | Sequence[Step | Comparis
         if moved:
             axes.scatter(100 * step.prediction_nrmse, row, s=70, marker="D", facecolor="white", edgecolor=colour,
                          lw=1.6, zorder=5)
-        told = format_error(step.nrmse)
+        told = q.format_error(step.nrmse)
         if math.isfinite(held):
-            told += f", {'cross-validated' if narrow else 'cross-val.'} {format_error(step.heldout_nrmse)}"
+            told += f", {'cross-validated' if narrow else 'cross-val.'} {q.format_error(step.heldout_nrmse)}"
         if moved:
-            told += f", {'' if narrow else 'settings '}as written {format_error(step.prediction_nrmse)}"
+            told += f", {'' if narrow else 'settings '}as written {q.format_error(step.prediction_nrmse)}"
         if narrow:
             above, below, size = wrap_text(name, NARROW - 0.4, 10), f"{told}\n{_describe_fit(step)}", 10
             look = {"xy": (0, row), "xycoords": ("axes fraction", "data"), "zorder": 5,
@@ -127,7 +118,7 @@ def draw_error_by_step(steps: Comparisons | Discovery | Sequence[Step | Comparis
         labels.append("predicted, settings as written")
     if noise > 0:
         handles.append(key_band(edgecolor=FLOOR, lw=None))
-        labels.append(f"noise floor {format_error(floor)}")
+        labels.append(f"noise floor {q.format_error(floor)}")
     head_figure(figure, handles, labels)
     return figure
 
@@ -136,7 +127,7 @@ def _describe_fit(step: Step | Comparison) -> str:
     """Chi-square of a step and what its lack of fit says."""
     verdict = "misfit left" if step.lack_of_fit.rejected else "no misfit left"
     state = "" if step.converged else ", not converged"
-    return f"χ²/dof {format_number(step.chi2_reduced)}, {verdict} ({say_p(step.lack_of_fit.p_value)}){state}"
+    return f"χ²/dof {q.format_number(step.chi2_reduced)}, {verdict} ({q.say_p(step.lack_of_fit.p_value)}){state}"
 
 
 @styled
@@ -153,7 +144,7 @@ def draw_ranking(candidates: Sequence[Candidate], chosen: Sequence[str] = (), co
     if confused is None:
         confused = [name for one in candidates if one.effect in chosen[:1] for name in one.indistinguishable_from]
     figure = new_figure((2.0 if narrow else 1.0) + 0.27 * max(len(candidates), 1), NARROW if narrow else WIDTH)
-    axes = dress_rows(figure.add_subplot(), [shorten(one.effect, 22 if narrow else 36) for one in candidates])
+    axes = dress_rows(figure.add_subplot(), [q.shorten(one.effect, 22 if narrow else 36) for one in candidates])
     used = []
     for row, (candidate, name) in enumerate(zip(candidates, axes.get_yticklabels(), strict=True)):
         # What removes a misfit beyond chance is seen, however little of its signature at the null survives.
@@ -166,7 +157,7 @@ def draw_ranking(candidates: Sequence[Candidate], chosen: Sequence[str] = (), co
         if math.isfinite(candidate.visible):
             axes.plot(100 * candidate.visible, row, marker="D", ms=5.5, mfc="white", mec=GREY if unseen else INK,
                       mew=1.2, zorder=4, clip_on=False)
-        text = "undetectable" if unseen else say_p(candidate.p_value)
+        text = "undetectable" if unseen else q.say_p(candidate.p_value)
         axes.text(110 if narrow else 103, row, text, va="center", fontsize=8.5,
                   color=GREY if unseen or candidate.p_value > CHANCE else INK)
         name.set(color=GREY if kind == UNSEEN else INK, fontweight="bold" if kind == ADDED else "normal")
@@ -220,14 +211,14 @@ def draw_parameters(steps: Mapping[str, Any], count: int = 8, narrow: bool = Fal
                 continue
             low, high = (edge / scale for edge in _interval(estimate))
             axes.plot([low, high], [row, row], color=shade, lw=3.2, solid_capstyle="butt", alpha=0.55)
-            handles[clean(label, 40)] = axes.plot(estimate.estimate / scale, row, "o", color=shade, ms=6)[0]
+            handles[q.clean(label, 40)] = axes.plot(estimate.estimate / scale, row, "o", color=shade, ms=6)[0]
             drawn += [low, high, estimate.estimate / scale]
         if drawn:
             pad = 0.12 * (max(drawn) - min(drawn)) or 1.0
             axes.set_xlim(min(drawn) - pad, max(drawn) + pad)
             axes.xaxis.set_major_locator(SpacedLocator())
         if scale != 1.0:
-            axes.set_xlabel(typeset(f"× {scale:.0e}"), loc="right", fontsize=8.5, labelpad=0)
+            axes.set_xlabel(q.typeset(f"× {scale:.0e}"), loc="right", fontsize=8.5, labelpad=0)
         if narrow:
             axes.set_title(_wrap(name, 40), fontsize=8.5)
             axes.set_title(_describe(own), loc="right", fontsize=8.5)
@@ -267,14 +258,14 @@ def _describe(estimate: Estimate | Fitted) -> str:
     """Value and standard deviation to the digits that count, with the unit."""
     if not estimate.determined:
         return "not determined"
-    unit = "" if estimate.unit in ("", "1") else f" {clean(estimate.unit, 14)}"
-    spread = f" ± {format_value(estimate.sd, estimate.sd)}" if math.isfinite(estimate.sd) else ""
-    return typeset(f"{format_value(estimate.estimate, estimate.sd)}{spread}{unit}")
+    unit = "" if estimate.unit in ("", "1") else f" {q.clean(estimate.unit, 14)}"
+    spread = f" ± {q.format_value(estimate.sd, estimate.sd)}" if math.isfinite(estimate.sd) else ""
+    return q.typeset(f"{q.format_value(estimate.estimate, estimate.sd)}{spread}{unit}")
 
 
 def _wrap(name: str, width: int = 22) -> str:
     """A parameter's name, cut after the effect where it is long."""
-    name = clean(name, 60)
+    name = q.clean(name, 60)
     if "." not in name:
         return name.replace("_", " ")
     if len(name) <= width:

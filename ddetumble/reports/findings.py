@@ -15,20 +15,7 @@ from .. import figures
 from .._sentences import tell
 from ..families import DEFAULT_FAMILY, View, find_family
 from ..figures.traces import are_values, find_span, find_stretch, list_varying, standardise
-from ..measurement.quantities import (
-    clean,
-    describe_quantity,
-    format_error,
-    format_number,
-    format_p,
-    format_share,
-    format_small_share,
-    format_value,
-    join_words,
-    name_step,
-    name_steps,
-    say_p,
-)
+from ..measurement import quantities as q
 from ..selection.compare import Comparison, Comparisons
 from ..selection.discovery import Discovery
 from ..selection.preview import Preview, preview_effects
@@ -45,13 +32,13 @@ def write_report(discovery: Discovery, folder) -> Path:
     cannot be written; returns its path.
     """
     records = len({trace.record for step in discovery.steps[-1:] for trace in step.traces})
-    level, name = discovery.settings.level, clean(discovery.campaign, 60)
+    level, name = discovery.settings.level, q.clean(discovery.campaign, 60)
     status = [
         name if name.lower().startswith("campaign") else f"campaign {name}",
-        clean(discovery.title, 120) if discovery.title != discovery.campaign else "",
+        q.clean(discovery.title, 120) if discovery.title != discovery.campaign else "",
         f"{records} records" if records != 1 else "1 record",
-        f"reference model {clean(discovery.model, 60)}",
-        f"judged at the {format_share(float(level))} level" if isinstance(level, (int, float)) else "",
+        f"reference model {q.clean(discovery.model, 60)}",
+        f"judged at the {q.format_share(float(level))} level" if isinstance(level, (int, float)) else "",
     ]
     verdict = say_verdict(discovery.verdict)
     return write_page(f"{verdict}: {discovery.campaign}", discovery.sentence, _build_sections(discovery), folder,
@@ -64,23 +51,23 @@ def _list_facts(discovery: Discovery) -> list[tuple[str, str, str]]:
         return []
     first, last = discovery.steps[0], discovery.steps[-1]
 
-    def compare(name: str, show=format_error) -> str:
+    def compare(name: str, show=q.format_error) -> str:
         ends = (first, last) if len(discovery.steps) > 1 else (first,)
         return " → ".join(show(getattr(step, name)) for step in ends)
 
-    floor, moved = f"noise floor {format_error(discovery.noise_nrmse)}", relies_on_settings(discovery.steps)
+    floor, moved = f"noise floor {q.format_error(discovery.noise_nrmse)}", relies_on_settings(discovery.steps)
     # Where settings were moved to do the work of physics, it is the predictions from those as written that get better.
     facts = [("prediction, settings as written", compare("prediction_nrmse"), floor) if moved else
              ("error of the fit", compare("nrmse"), floor)]
     if math.isfinite(first.heldout_nrmse):
         what = find_family(discovery.family).folds
         facts.append(("cross-validated error", compare("heldout_nrmse"), f"on left-out {what}"))
-    facts.append(("χ² per degree of freedom", compare("chi2_reduced", format_number),
+    facts.append(("χ² per degree of freedom", compare("chi2_reduced", q.format_number),
                   "1 if only noise is left; shifts of settings count" if moved else "1 if only noise is left"))
     fit = last.lack_of_fit
     # Of a verdict that calls the model complete, what is left was found to be no force of any variable.
     left = "noise or settings" if discovery.verdict == "explained" else "yes"
-    facts.append(("misfit left", left if fit.rejected else "none detected", say_p(fit.p_value)))
+    facts.append(("misfit left", left if fit.rejected else "none detected", q.say_p(fit.p_value)))
     return facts
 
 
@@ -98,12 +85,12 @@ def _arrange_sections(discovery: Discovery, preview: Future[Preview | None] | No
     if discovery.steps:
         models = {"reference model": discovery.steps[0]}
         if len(discovery.steps) > 1:  # the grown model in a few words: `with adhesion and gas-leak`
-            effects = [clean(effect, 40) for effect in discovery.effects]
-            models[f"with {join_words(effects)}" if effects else ""] = discovery.steps[-1]
+            effects = [q.clean(effect, 40) for effect in discovery.effects]
+            models[f"with {q.join_words(effects)}" if effects else ""] = discovery.steps[-1]
         traces = {label: step.traces for label, step in models.items()}
-        names = [name_step(discovery.steps, number, discovery.model) for number in range(len(discovery.steps))]
+        names = [q.name_step(discovery.steps, number, discovery.model) for number in range(len(discovery.steps))]
         sections.append(show_errors(
-            [(name,) for name in names], discovery.steps, [discovery.noise_nrmse] * len(names), name_steps(discovery),
+            [(name,) for name in names], discovery.steps, [discovery.noise_nrmse] * len(names), q.name_steps(discovery),
             ["yes" if step.converged else "no" for step in discovery.steps]))
         if discovery.faults:
             sections.append(_show_faults(discovery))
@@ -124,11 +111,12 @@ def _arrange_sections(discovery: Discovery, preview: Future[Preview | None] | No
     if discovery.steps and discovery.steps[-1].parameters:
         strong = [item for item in discovery.steps[-1].correlations if abs(item[2]) > 0.95]
         sections.append(show_parameters(models, [
-            f"{clean(a)} and {clean(b)} have a correlation of {value:+.3f}: the data determine a combination of them "
-            "far better than either." for a, b, value in strong]))
+            f"{q.clean(a)} and {q.clean(b)} have a correlation of {value:+.3f}: the data determine a combination of "
+            "them far better than either." for a, b, value in strong]))
     sections += [_show_judgement(discovery), _show_next(discovery)]
-    rows = [("campaign", clean(discovery.campaign)), ("title", clean(discovery.title)), ("family", discovery.family),
-            ("SHA-256 of the campaign", discovery.sha256), ("reference model", clean(discovery.model)),
+    rows = [("campaign", q.clean(discovery.campaign)), ("title", q.clean(discovery.title)),
+            ("family", discovery.family), ("SHA-256 of the campaign", discovery.sha256),
+            ("reference model", q.clean(discovery.model)),
             ("verdict", discovery.verdict),
             *flatten({**discovery.counts, "thresholds": dc.asdict(discovery.settings)})]
     sections.append(Section("Provenance", tables=[Table(("item", "value"), rows)]))
@@ -144,7 +132,7 @@ def _list_laws(discovery: Discovery) -> list[tuple[str, str, str]]:
     named = [*discovery.effects, *(row[0] for step in discovery.steps for row in list_alternatives(step.alternatives)),
              *(effect for one in discovery.explanations for effect in one.effects)]
     laws = {effect.id: (effect.law, effect.reference) for effect in discovery.best.problem.space.effects}
-    return [(clean(name), clean(laws[name][0], 300), clean(laws[name][1], 300))
+    return [(q.clean(name), q.clean(laws[name][0], 300), q.clean(laws[name][1], 300))
             for name in dict.fromkeys(named) if name in laws]
 
 
@@ -155,9 +143,9 @@ def show_errors(labels: Sequence[tuple], steps: Sequence[Step | Comparison], flo
     the last cells; none for a comparison.
     """
     settled = have_predictions(steps)
-    rows = [(*label, format_number(step.chi2_reduced), format_error(step.nrmse), format_error(step.heldout_nrmse),
-             *[format_error(step.prediction_nrmse)] * settled, format_share(step.prediction_coverage),
-             format_error(floor),
+    rows = [(*label, q.format_number(step.chi2_reduced), q.format_error(step.nrmse), q.format_error(step.heldout_nrmse),
+             *[q.format_error(step.prediction_nrmse)] * settled, q.format_share(step.prediction_coverage),
+             q.format_error(floor),
              "yes" if step.lack_of_fit.rejected else "no", *converged[k : k + 1])
             for k, (label, step, floor) in enumerate(zip(labels, steps, floors, strict=True))]
     header = ("model", *(("free",) if len(labels[0]) > 1 else ()), "χ² / dof", "error", "cross-validated",
@@ -176,7 +164,7 @@ def show_errors(labels: Sequence[tuple], steps: Sequence[Step | Comparison], flo
         "error-by-step", f"Root mean square of the residual over that of the signal{loop}: for all records, and for "
         f"{family.folds} left out one after the other. The noise floor is the error of a perfect model." + diamonds,
         figures.draw_error_by_step, steps, names, min(floors),
-        alt=f"Error of {len(steps)} models against the noise floor of {format_error(min(floors))}.")
+        alt=f"Error of {len(steps)} models against the noise floor of {q.format_error(min(floors))}.")
     return Section("The error, step by step", figures=[picture], tables=[table])
 
 
@@ -226,7 +214,7 @@ def show_failures(models: Mapping[str, Sequence[Trace]], noise: Mapping | None =
                 f"dependence-{channel}", f"{_begin(channel)}: mean residual against state{conditions}, {apart}with "
                 "two standard errors from the scatter between records.",
                 figures.draw_dependence, models, channel, (noise or {}).get(channel), where or (),
-                alt=f"Mean residual of the {describe_quantity(channel).name} against state and conditions."))
+                alt=f"Mean residual of the {q.describe_quantity(channel).name} against state and conditions."))
         if view.force in channels:
             pictures.append(_show_missing(models, view))
     points = [] if where is None else say_places(where, view) or ["The misfit is concentrated nowhere in particular."]
@@ -243,8 +231,8 @@ def _show_missing(models: Mapping[str, Sequence[Trace]], view: View) -> Picture:
 
     forces = [c for c in ("normal_force", "tangential_force") if any(trace.channel == c for trace in first)]
     channel = max(forces, key=miss) if len(forces) > 1 else view.force
-    state = describe_quantity(view.state).name
-    word = "force" if forces == ["normal_force"] else describe_quantity(channel).name
+    state = q.describe_quantity(view.state).name
+    word = "force" if forces == ["normal_force"] else q.describe_quantity(channel).name
     caption = (f"The {word} that the model leaves unexplained over the {state}: the shape of what is missing. Records "
                "whose lines fall together share a cause that does not depend on the condition.")
     if "backward" in view.phases:
@@ -258,10 +246,10 @@ def show_shifts(models: Mapping[str, Sequence[SettingShift]]) -> Section:
     rows = []
     for label, shifts in models.items():
         for shift in shifts:
-            shown = describe_quantity(shift.name)
-            rows.append((clean(label), "time origin" if shift.name == "time" else shown.name,
-                         f"{format_number(shift.stated * shown.scale)} {shown.unit}", format_number(shift.rms, 2),
-                         f"{shift.largest:+.2g}", clean(shift.record), format_p(shift.p_value)))
+            shown = q.describe_quantity(shift.name)
+            rows.append((q.clean(label), "time origin" if shift.name == "time" else shown.name,
+                         f"{q.format_number(shift.stated * shown.scale)} {shown.unit}", q.format_number(shift.rms, 2),
+                         f"{shift.largest:+.2g}", q.clean(shift.record), q.format_p(shift.p_value)))
     header = ("model", "setting", "stated sd", "rms shift / sd", "largest shift / sd", "record", "p")
     if len(models) == 1:
         header, rows = header[1:], [row[1:] for row in rows]
@@ -276,8 +264,8 @@ def show_shifts(models: Mapping[str, Sequence[SettingShift]]) -> Section:
 def show_parameters(models: Mapping[str, Any], points: Iterable[str]) -> Section:
     """Parameters of the last of some fits or steps with their intervals, and the strongest correlations."""
     rows = [
-        (clean(key), *show_estimate(one),
-         "–" if one.unit in ("", "1") else clean(one.unit), clean(one.text, 160))
+        (q.clean(key), *show_estimate(one),
+         "–" if one.unit in ("", "1") else q.clean(one.unit), q.clean(one.text, 160))
         for key, one in list(models.values())[-1].parameters.items()]
     header = ("parameter", "estimate", "sd", "2.5 %", "97.5 %", "unit", "")
     if not any(row[-1] for row in rows):
@@ -293,21 +281,21 @@ def show_parameters(models: Mapping[str, Any], points: Iterable[str]) -> Section
 def _format_size(value: float) -> str:
     """A smallest detectable amplitude; with more digits where it is next to 1, the null of gains and exponents."""
     away = abs(value - 1.0)
-    return format_number(value, 3 if away == 0.0 or away > 0.05 else 2 - math.floor(math.log10(away)))
+    return q.format_number(value, 3 if away == 0.0 or away > 0.05 else 2 - math.floor(math.log10(away)))
 
 
 def _show_ranking(discovery: Discovery) -> Section:
     rows, settled = [], have_predictions(discovery.candidates)
     for one in discovery.candidates:
-        sizes = [f"{clean(key.removeprefix(f'{one.effect}.'))} {_format_size(value)} "
-                 f"{clean(one.units.get(key, ''), 16)}".rstrip() for key, value in one.smallest_detectable.items()]
+        sizes = [f"{q.clean(key.removeprefix(f'{one.effect}.'))} {_format_size(value)} "
+                 f"{q.clean(one.units.get(key, ''), 16)}".rstrip() for key, value in one.smallest_detectable.items()]
         error = one.standard_error
         difference = "–" if one.heldout_difference == 0 else (
-            f"{format_value(one.heldout_difference, error)} ± {format_value(error, error)}")
-        rows.append((clean(one.effect), format_explained(one, discovery.steps), format_p(one.p_value),
-                     format_small_share(one.visible), format_error(one.heldout_nrmse),
-                     *[format_error(one.prediction_nrmse)] * settled, difference, ", ".join(sizes) or "–",
-                     ", ".join(map(clean, one.indistinguishable_from)) or "–"))
+            f"{q.format_value(one.heldout_difference, error)} ± {q.format_value(error, error)}")
+        rows.append((q.clean(one.effect), format_explained(one, discovery.steps), q.format_p(one.p_value),
+                     q.format_small_share(one.visible), q.format_error(one.heldout_nrmse),
+                     *[q.format_error(one.prediction_nrmse)] * settled, difference, ", ".join(sizes) or "–",
+                     ", ".join(map(q.clean, one.indistinguishable_from)) or "–"))
     header = ("effect", "explains", "p", "visible", "cross-validated", *["prediction"] * settled,
               "behind the best, cross-validated [noise variances]", "smallest detectable", "imitated by")
     free = "initial rates" if find_family(discovery.family).free_running else "settings"
@@ -322,23 +310,23 @@ def _show_ranking(discovery: Discovery) -> Section:
         f"below {100 * discovery.settings.invisible:g} % this campaign cannot detect it. A strong effect is seen by "
         "a small share, too: from its smallest detectable size on."]
     for number, (before, step) in enumerate(zip(discovery.steps, discovery.steps[1:], strict=False), 1):
-        gone, came = ([clean(name) for name in one.effects if name not in other.effects]
+        gone, came = ([q.clean(name) for name in one.effects if name not in other.effects]
                       for one, other in ((before, step), (step, before)))
         if gone:
-            paragraphs.append(f"Step {number} took {join_words(gone)} back and brought {join_words(came)} in: this "
+            paragraphs.append(f"Step {number} took {q.join_words(gone)} back and brought {q.join_words(came)} in: this "
                               "predicts left-out records better. The first effect of several is chosen while the "
                               "others are still missing, and may be one that imitates them together."
-                              if came else f"Step {number} took {join_words(gone)} back as needless.")
-    kin = [(clean(step.added), *row) for step in discovery.steps if step.added
+                              if came else f"Step {number} took {q.join_words(gone)} back as needless.")
+    kin = [(q.clean(step.added), *row) for step in discovery.steps if step.added
            for row in list_alternatives(step.alternatives)]
     if kin:
         header = ("added", "alternative", "paired held-out difference", "standard error", "ratio")
         tables.append(Table(header, kin, "Confusion sets: effects that this campaign cannot distinguish from the one "
                             "added at that step."))
     if discovery.explanations:
-        rows_open = [(", ".join(map(clean, one.effects)) or "none", "–" if one.setting is None else
-                      f"{describe_quantity(one.setting).name} reads {100 * abs(one.bias):.2g} % ± {100 * one.sd:.1g} % "
-                      f"too {'high' if one.bias > 0 else 'low'}") for one in discovery.explanations]
+        rows_open = [(", ".join(map(q.clean, one.effects)) or "none", "–" if one.setting is None else
+                      f"{q.describe_quantity(one.setting).name} reads {100 * abs(one.bias):.2g} % ± {100 * one.sd:.1g} "
+                      f"% too {'high' if one.bias > 0 else 'low'}") for one in discovery.explanations]
         tables.append(Table(("effects", "error that all records share"), rows_open,
                             "Models between which these tests cannot decide."))
     elif not kin and discovery.effects:
@@ -349,7 +337,8 @@ def _show_ranking(discovery: Discovery) -> Section:
         "ranking", "Bars: share of the misfit that each effect explains. Diamonds: visible share of each effect's "
         "signature.", figures.draw_ranking, discovery.candidates, discovery.effects, None,
         discovery.settings.invisible,
-        alt=f"Bars of {len(rows)} effects; the first, {clean(best.effect)}, explains {format_share(best.explains)}.")
+        alt=f"Bars of {len(rows)} effects; the first, {q.clean(best.effect)}, explains "
+            f"{q.format_share(best.explains)}.")
     title = "Which effect is missing" if discovery.effects else "The catalogue, ranked"
     return Section(title, paragraphs, [picture], tables)
 
@@ -358,9 +347,9 @@ def _show_faults(discovery: Discovery) -> Section:
     """What is wrong with the data themselves, and what was done about it."""
     rows = [
         (fault.kind,
-         clean(", ".join(fault.records), 120) if len(fault.records) <= 6 else f"{len(fault.records)} records",
-         clean(fault.channel.replace("_", " ")) or "–", clean(fault.seen, 600), clean(fault.done, 300),
-         clean(fault.remedy, 200))
+         q.clean(", ".join(fault.records), 120) if len(fault.records) <= 6 else f"{len(fault.records)} records",
+         q.clean(fault.channel.replace("_", " ")) or "–", q.clean(fault.seen, 600), q.clean(fault.done, 300),
+         q.clean(fault.remedy, 200))
         for fault in discovery.faults
     ]
     header = ("fault", "records", "channel", "what is seen", "what was done", "what to do")
@@ -375,20 +364,20 @@ def _show_judgement(discovery: Discovery) -> Section:
     rows, settled = [], any(step.shifts for step in discovery.steps)
     for number, step in enumerate(discovery.steps):
         fit = step.lack_of_fit
-        rows.append((name_step(discovery.steps, number, discovery.model), format_number(fit.statistic),
-                     format_number(fit.degrees), format_p(fit.smooth_p_value), format_p(fit.score_p_value),
-                     *[format_p(fit.settings_p_value)] * settled, format_p(fit.p_value), f"{fit.level:g}",
+        rows.append((q.name_step(discovery.steps, number, discovery.model), q.format_number(fit.statistic),
+                     q.format_number(fit.degrees), q.format_p(fit.smooth_p_value), q.format_p(fit.score_p_value),
+                     *[q.format_p(fit.settings_p_value)] * settled, q.format_p(fit.p_value), f"{fit.level:g}",
                      "rejected" if fit.rejected else "not rejected"))
     header = ("model", "χ² / dof, smooth part", "dof", "its p-value", "p of the largest score",
               *["p of the settings"] * settled, "decisive p", "level", "verdict")
     tables = [Table(header, rows, "Tests for lack of fit beyond noise and setting errors.")] if rows else []
     noise = []
     for channel, one in discovery.noise.items():
-        shown = describe_quantity(channel)
+        shown = q.describe_quantity(channel)
         stated, sd, *rest = (
-            format_number(scale * float(one[key])) if isinstance(one.get(key), (int, float)) else "–"
+            q.format_number(scale * float(one[key])) if isinstance(one.get(key), (int, float)) else "–"
             for key, scale in (("stated_sd", shown.scale), ("sd", shown.scale), ("correlation", 1), ("white_share", 1)))
-        noise.append((shown.name, stated, sd, shown.unit, *rest, clean(one.get("text", ""), 200)))
+        noise.append((shown.name, stated, sd, shown.unit, *rest, q.clean(one.get("text", ""), 200)))
     if noise:
         header = ("channel", "stated sd", "sd used", "unit", "correlation", "white share", "how")
         tables.append(Table(header, noise, "Noise."))
@@ -416,12 +405,12 @@ def _show_next(discovery: Discovery) -> Section:
     rivals = max(len(discovery.explanations), 1 + len(last))
     return Section("What next", points=tell(
         "verdict.next", verdict=discovery.verdict, rivals=rivals if rivals > 1 else 0,
-        effects=list(map(clean, discovery.effects)), plans=find_family(discovery.family).has_contact))
+        effects=list(map(q.clean, discovery.effects)), plans=find_family(discovery.family).has_contact))
 
 
 def _begin(channel: str) -> str:
     """A channel's name at the start of a sentence."""
-    name = describe_quantity(channel).name
+    name = q.describe_quantity(channel).name
     return name[:1].upper() + name[1:]
 
 
@@ -431,10 +420,10 @@ def _count(value: float) -> str:
 
 # Columns of the errors in words, and how they are shown; residuals are in the channel's unit, named with it.
 _COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
-    "ratio": ("rms / noise", format_number), "nrmse": ("rms / signal", format_error), "samples": ("samples", _count),
-    "records": ("records", _count), "record": ("record", clean), "sequence": ("position in the series", _count),
-    "chi2_reduced": ("χ² per sample", format_number),
-    "channel": ("channel", lambda name: describe_quantity(name).name),
+    "ratio": ("rms / noise", q.format_number), "nrmse": ("rms / signal", q.format_error),
+    "samples": ("samples", _count), "records": ("records", _count), "record": ("record", q.clean),
+    "sequence": ("position in the series", _count), "chi2_reduced": ("χ² per sample", q.format_number),
+    "channel": ("channel", lambda name: q.describe_quantity(name).name),
 }  # fmt: skip
 _RESIDUALS = {"rms": "rms residual", "bias": "mean residual"}
 
@@ -461,27 +450,28 @@ def report_comparison(found: Comparison | Comparisons, folder) -> Path:
             sections.append(_show_signatures(found))
         what, where = f"{len(found)} models", found[0].where
     sentence = found.sentence if isinstance(found, Comparison) else " ".join([found.sentence, *found.failures])
-    models = {clean(label, 60): traces for label, traces in shown.items()}
+    models = {q.clean(label, 60): traces for label, traces in shown.items()}
     sections += [show_fits(models), show_failures(models, one.noise, where)]
     sections += [tabulate_refitted(one)] if one.parameters else []
     sections += [show_shifts({one.model: one.shifts})] if one.shifts else []
     sections.append(tabulate_errors(one))
     notes = dict.fromkeys(note for each in ([found] if isinstance(found, Comparison) else found) for note in each.notes)
     if notes:
-        sections.append(Section("Notes", points=[clean(note, 400) for note in notes]))
+        sections.append(Section("Notes", points=[q.clean(note, 400) for note in notes]))
     return write_page(f"{one.campaign} and {what}", sentence, sections, folder, "comparison.html",
-                      status=[clean(one.campaign, 120), f"{len(one.records)} records"])
+                      status=[q.clean(one.campaign, 120), f"{len(one.records)} records"])
 
 
 def _show_signatures(found: Comparisons) -> Section:
     """What each model changes of the first one's prediction, beside what that one leaves."""
-    models = {clean(name, 60): one.traces for name, one in zip(found.names, found, strict=True)}
+    models = {q.clean(name, 60): one.traces for name, one in zip(found.names, found, strict=True)}
     channel = found[0].traces[0].channel
-    first = clean(found.names[0])
+    first = q.clean(found.names[0])
     picture = draw_picture(
-        "signatures", f"Dots: measured minus {first}, {describe_quantity(channel).name}, single samples faint. Lines: "
-        "the change that each other model makes to its prediction after the fit. An effect that is missing follows the "
-        "dots.",
+        "signatures",
+        f"Dots: measured minus {first}, {q.describe_quantity(channel).name}, single samples faint. Lines: "
+        "the change that each other model makes to its prediction after the fit. An effect that is missing follows "
+        "the dots.",
         figures.draw_signatures, models, channel,
         alt=f"Residual of {first} and the change that {len(found) - 1} models make to it, where it is largest.")
     return Section("Why an effect fits", figures=[picture])
@@ -502,7 +492,7 @@ def tabulate_errors(result: Comparison) -> Section:
 
 def tabulate_refitted(result: Comparison) -> Section:
     """Parameters that a comparison refitted, with their 95 % intervals, as a part of a page."""
-    rows = [(clean(name), *show_estimate(one), "–" if one.unit in ("", "1") else clean(one.unit))
+    rows = [(q.clean(name), *show_estimate(one), "–" if one.unit in ("", "1") else q.clean(one.unit))
             for name, one in result.parameters.items()]
     header = ("parameter", "estimate", "sd", "2.5 %", "97.5 %", "unit")
     return Section("Parameters", tables=[Table(header, rows)])
@@ -510,7 +500,7 @@ def tabulate_refitted(result: Comparison) -> Section:
 
 def _tabulate(frame: pd.DataFrame, units: Mapping[str, str], caption: str) -> Table:
     """A table of errors with headings in words; `units` are those of the channels, SI."""
-    shown = {channel: describe_quantity(channel, unit=unit) for channel, unit in units.items()}
+    shown = {channel: q.describe_quantity(channel, unit=unit) for channel, unit in units.items()}
     first, several = next(iter(shown.values())), len({one.unit for one in shown.values()}) > 1
     header, columns = [], []
     for name in map(str, frame.columns):
@@ -518,17 +508,17 @@ def _tabulate(frame: pd.DataFrame, units: Mapping[str, str], caption: str) -> Ta
         if name in _RESIDUALS:
             header.append(_RESIDUALS[name] + ("" if several else f" [{first.unit}]"))
             own = [shown[str(one)] for one in frame["channel"]] if "channel" in frame else [first] * len(values)
-            columns.append([f"{format_number(one.scale * float(value))} {one.unit if several else ''}".rstrip()
+            columns.append([f"{q.format_number(one.scale * float(value))} {one.unit if several else ''}".rstrip()
                             for one, value in zip(own, values, strict=True)])
         elif name.startswith("ratio_"):
-            header.append(f"rms / noise, {describe_quantity(name.removeprefix('ratio_')).name}")
-            columns.append([format_number(float(value)) for value in values])
+            header.append(f"rms / noise, {q.describe_quantity(name.removeprefix('ratio_')).name}")
+            columns.append([q.format_number(float(value)) for value in values])
         elif name in _COLUMNS:
             heading, show = _COLUMNS[name]
             header.append(heading)
             columns.append(list(map(show, values)))
         else:
-            setting = describe_quantity(name, np.asarray(values, float))
+            setting = q.describe_quantity(name, np.asarray(values, float))
             header.append(setting.label)
             columns.append([setting.format(float(value)) for value in values])
     return Table(header, list(zip(*columns, strict=True)), caption)
@@ -555,7 +545,7 @@ def show_missing(missing: MissingForce, sentence: bool = True) -> list[Section]:
         "deviations, a simple law that describes it (dashed, where it holds for the same values of the model's "
         "parameters), and below, in grey, the density of the samples. Beside it: the share of the misfit of left-out "
         f"conditions that each explains{spectrum}.", figures.draw_missing_shape, missing,
-        alt=f"Missing {clean(best.way)} over {clean(best.variable)}.")]
+        alt=f"Missing {q.clean(best.way)} over {q.clean(best.variable)}.")]
     if len(missing.shapes) > 1:
         pictures.append(draw_picture(
             "missing-rivals", "The same over the other variables that came close, each fitted alone, with the "
@@ -563,26 +553,26 @@ def show_missing(missing: MissingForce, sentence: bool = True) -> list[Section]:
             missing))
     rows = []
     for shape in missing.shapes:
-        shown, error = describe_quantity(shape.variable, shape.x), shape.standard_error
+        shown, error = q.describe_quantity(shape.variable, shape.x), shape.standard_error
         parts = f", {' and '.join(shape.parts)}" if shape.parts[0] else ""
         rows.append((
-            clean(f"{shape.way} over {shape.variable}{parts}"), shape.intervals,
-            format_share(missing.share(shape.loss)), "–" if shape.difference == 0 else
-            f"{format_value(shape.difference, error)} ± {format_value(error, error)}",
-            format_small_share(shape.visible),
-            "–" if shape.begins is None else f"{format_number(shown.scale * shape.begins)} {shown.unit}".rstrip()))
+            q.clean(f"{shape.way} over {shape.variable}{parts}"), shape.intervals,
+            q.format_share(missing.share(shape.loss)), "–" if shape.difference == 0 else
+            f"{q.format_value(shape.difference, error)} ± {q.format_value(error, error)}",
+            q.format_small_share(shape.visible),
+            "–" if shape.begins is None else f"{q.format_number(shown.scale * shape.begins)} {shown.unit}".rstrip()))
     tables = [Table(
         ("force", "knots", "misfit explained", "difference from the best", "visible", "differs from zero from"), rows,
         "Non-parametric forces of one variable; differences are in noise variances of left-out conditions. Visible: "
         "the share of the force's own signature that the model's parameters and the settings cannot imitate.")]
     rows = []
     for k, law in enumerate(missing.laws):
-        values = "; ".join(f"{n} = {format_value(e.estimate, e.sd)} ± {format_value(e.sd, e.sd)} {e.unit}".rstrip()
+        values = "; ".join(f"{n} = {q.format_value(e.estimate, e.sd)} ± {q.format_value(e.sd, e.sd)} {e.unit}".rstrip()
                            for n, e in law.parameters.items())
-        behind = (f"{format_number(law.difference)} ± {format_number(law.standard_error)}",
-                  format_number(law.chi2 - missing.laws[0].chi2)) if k else ("–", "–")
-        rows.append((clean(law.text), clean(values, 300), "–" if missing.lone else
-                     format_share(missing.share(law.loss)), *behind, "yes" if law.converged else "no"))
+        behind = (f"{q.format_number(law.difference)} ± {q.format_number(law.standard_error)}",
+                  q.format_number(law.chi2 - missing.laws[0].chi2)) if k else ("–", "–")
+        rows.append((q.clean(law.text), q.clean(values, 300), "–" if missing.lone else
+                     q.format_share(missing.share(law.loss)), *behind, "yes" if law.converged else "no"))
     if rows:
         tables.append(Table(
             ("simple law", "parameters (SI)", "misfit explained", "difference from the first", "fits worse by",

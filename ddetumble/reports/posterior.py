@@ -5,17 +5,7 @@ from pathlib import Path
 
 from .. import figures
 from .._sentences import say
-from ..measurement.quantities import (
-    clean,
-    describe_conditions,
-    format_number,
-    format_p,
-    format_share,
-    format_value,
-    join_words,
-    say_p,
-    vary,
-)
+from ..measurement import quantities as q
 from ..posterior.loo import WAYS
 from ..posterior.predictive_check import STATISTICS
 from ..posterior.result import Posterior
@@ -33,16 +23,17 @@ def write_posterior(posterior: Posterior, folder) -> Path:
     Raises:
         InputError: The folder cannot be written.
     """
-    status = [clean(posterior.title, 120), f"{posterior.log_density.size} draws by {posterior.sampler}"]
+    status = [q.clean(posterior.title, 120), f"{posterior.log_density.size} draws by {posterior.sampler}"]
     if isinstance(posterior.target, CampaignTarget):
         status.insert(1, f"{len(posterior.target.parts)} records")
     c = posterior.convergence
     facts = [("effective sample size", f"{c.effective:.0f}", "of the worst parameter"),
-             ("R-hat", format_number(c.rhat, 4), "1 is perfect agreement")]
+             ("R-hat", q.format_number(c.rhat, 4), "1 is perfect agreement")]
     if (checks := posterior.predictive) is not None:
-        facts.append(("predictive check", "fails" if checks.rejected else "nothing stands out", say_p(checks.p_value)))
+        found = "fails" if checks.rejected else "nothing stands out"
+        facts.append(("predictive check", found, q.say_p(checks.p_value)))
     if posterior.left_out is not None:
-        facts.append(("left-out conditions", format_number(posterior.left_out.elpd, 5),
+        facts.append(("left-out conditions", q.format_number(posterior.left_out.elpd, 5),
                       "expected log predictive density"))
     plain = posterior.to_dict()
     rows = [("sampler", posterior.sampler),
@@ -60,21 +51,21 @@ def _say_posterior(posterior: Posterior) -> str:
     names = sorted(posterior.parameters, key=lambda n: "." not in n)
     for name in names:
         p = posterior.parameters[name]
-        unit = f" {clean(p.unit, 16)}" if p.unit not in ("", "1") else ""
-        low, high = (format_value(q, p.sd) for q in (p.q025, p.q975))
-        told.append(f"{clean(name if '.' in name else name.replace('_', ' '), 60)} {low} to {high}{unit}")
-        if len(told) > 1 and len(join_words(told)) > HEADLINE:
+        unit = f" {q.clean(p.unit, 16)}" if p.unit not in ("", "1") else ""
+        low, high = (q.format_value(end, p.sd) for end in (p.q025, p.q975))
+        told.append(f"{q.clean(name if '.' in name else name.replace('_', ' '), 60)} {low} to {high}{unit}")
+        if len(told) > 1 and len(q.join_words(told)) > HEADLINE:
             told.pop()
             break
     checks = posterior.predictive
     return say("posterior.intervals", told=told, rest=len(names) - len(told), converged=posterior.converged,
-               checks=checks, p="" if checks is None else say_p(checks.p_value))
+               checks=checks, p="" if checks is None else q.say_p(checks.p_value))
 
 
 def _show_parameters(posterior: Posterior) -> Section:
-    rows = [(clean(name, 60), *(format_value(x, p.sd) for x in (p.q50, p.sd, p.q025, p.q975)), clean(p.unit, 16) or "–",
-             f"{format_value(p.fit, p.fit_sd)} ± {format_value(p.fit_sd, p.fit_sd)}", f"{p.effective:.0f}",
-             f"{p.rhat:.3f}") for name, p in posterior.parameters.items()]
+    rows = [(q.clean(name, 60), *(q.format_value(x, p.sd) for x in (p.q50, p.sd, p.q025, p.q975)),
+             q.clean(p.unit, 16) or "–", f"{q.format_value(p.fit, p.fit_sd)} ± {q.format_value(p.fit_sd, p.fit_sd)}",
+             f"{p.effective:.0f}", f"{p.rhat:.3f}") for name, p in posterior.parameters.items()]
     header = ("parameter", "median", "sd", "2.5 %", "97.5 %", "unit", "fit", "effective sample size", "R-hat")
     caption = ("Marginals on the diagonal, with the 95 % interval dotted; below it, pairs with contours that hold 68 "
                "and 95 % of the draws. Dashed: the Gaussian that the fit reports. Where the two differ, rely on "
@@ -88,8 +79,8 @@ def _show_parameters(posterior: Posterior) -> Section:
     if posterior.derived:
         tables.append(Table(
             ("quantity", "median", "sd", "2.5 %", "97.5 %", "unit"),
-            [(clean(name, 60), *(format_value(x, d.sd) for x in (d.q50, d.sd, d.q025, d.q975)),
-              clean(d.unit, 16) or "–") for name, d in posterior.derived.items()],
+            [(q.clean(name, 60), *(q.format_value(x, d.sd) for x in (d.q50, d.sd, d.q025, d.q975)),
+              q.clean(d.unit, 16) or "–") for name, d in posterior.derived.items()],
             "What follows from the parameters."))
     return Section("Parameters", figures=[picture], tables=tables, points=points)
 
@@ -101,10 +92,10 @@ def _show_priors(posterior: Posterior) -> Section | None:
     rows = []
     for name, one in found.parameters.items():
         middle, low, high = one.prior or (math.nan,) * 3
-        prior = "–" if one.prior is None else (
-            f"{format_value(middle, high - low)} ({format_value(low, high - low)} to {format_value(high, high - low)})")
-        unit = clean(posterior.parameters[name].unit, 16) or "–"
-        rows.append((clean(name, 60), prior, unit, format_share(one.share) if one.prior is not None else "–",
+        told, first, last = (q.format_value(x, high - low) for x in (middle, low, high))
+        prior = "–" if one.prior is None else f"{told} ({first} to {last})"
+        unit = q.clean(posterior.parameters[name].unit, 16) or "–"
+        rows.append((q.clean(name, 60), prior, unit, q.format_share(one.share) if one.prior is not None else "–",
                      f"{one.distance:+.1f}" if one.prior is not None else "–",
                      *((f"{one.moved:+.2f}", f"{one.widened:.2f}") if found.trusted else ("–", "–"))))
     header = ("parameter", "prior (95 %)", "unit", "share of the prior", "distance [sd]", "mean moves by [sd]",
@@ -135,16 +126,16 @@ def _show_predictive(posterior: Posterior) -> Section | None:
                ", measured minus the mean of the replicates, over the range that contains 90 % of these.")
     picture = Picture("predictive", caption, figures.draw_predictive(checks, posterior.target.fit.source.family),
                       "P-values by record, and residuals of records over their replicates.")
-    names = vary(one.conditions for one in checks.records)
-    rows = [(clean(one.record, 30), describe_conditions(one.conditions, names), str(one.samples),
+    names = q.vary(one.conditions for one in checks.records)
+    rows = [(q.clean(one.record, 30), q.describe_conditions(one.conditions, names), str(one.samples),
              *(cell for name, p_value in one.p_values.items()
-               for cell in (format_number(getattr(one, name)), format_p(p_value))))
+               for cell in (q.format_number(getattr(one, name)), q.format_p(p_value))))
             for one in checks.records]
     marked = frozenset(i for i, one in enumerate(checks.records) if one.record in checks.outstanding)
     words = {"chi_square": "χ² / dof", "largest": "largest residual", "lag": "neighbours"}
     header = ("record", "conditions", "samples", *(cell for name in checks.records[0].p_values
                                                    for cell in (words[name], "p")))
-    totals = ", ".join(f"{STATISTICS[name]} {say_p(value)}" for name, value in checks.totals.items())
+    totals = ", ".join(f"{STATISTICS[name]} {q.say_p(value)}" for name, value in checks.totals.items())
     table = Table(header, rows, f"Marked records stand out individually. All records together: {totals}.", marked)
     return Section("Does the model produce such records?", paragraphs, [picture], [table])
 
@@ -153,14 +144,14 @@ def _show_left_out(posterior: Posterior) -> Section | None:
     scores = posterior.left_out
     if scores is None or len(scores.scores) < 2:
         return None
-    names = vary(one.conditions for one in scores.scores)
-    rows = [(describe_conditions(one.conditions, names) or clean(", ".join(one.records), 40), str(len(one.records)),
+    names = q.vary(one.conditions for one in scores.scores)
+    rows = [(q.describe_conditions(one.conditions, names) or q.clean(", ".join(one.records), 40), str(len(one.records)),
              f"{one.elpd:.2f}", f"{one.pareto_k:.2f}", WAYS[one.way], "yes" if one.trusted else "no")
             for one in scores.scores]
     error = scores.standard_error
-    size = f" ± {format_value(error, error)}" if math.isfinite(error) else ""
+    size = f" ± {q.format_value(error, error)}" if math.isfinite(error) else ""
     paragraphs = [
-        f"The expected log predictive density of left-out conditions is {format_value(scores.elpd, error)}{size} "
+        f"The expected log predictive density of left-out conditions is {q.format_value(scores.elpd, error)}{size} "
         f"({scores.text}). The number is meaningful only in comparison with that of another model of the same campaign "
         "with the same noise, as `ddetumble average` makes it."]
     header = ("condition", "records", "log density", "Pareto k", "method", "reliable")
@@ -179,9 +170,9 @@ def _show_chains(posterior: Posterior) -> Section:
                 "that of as many independent draws.", figures.draw_ranks(posterior)),
     ]
     share = posterior.statistics.get("accepted")
-    told = f"; {format_share(share)} of the moves were accepted" if isinstance(share, float) else ""
+    told = f"; {q.format_share(share)} of the moves were accepted" if isinstance(share, float) else ""
     state = posterior.state[:1].upper() + posterior.state[1:]
-    times = [(clean(name, 60), f"{time:.0f}", f"{size:.0f}", f"{rhat:.3f}") for name, time, size, rhat in zip(
+    times = [(q.clean(name, 60), f"{time:.0f}", f"{size:.0f}", f"{rhat:.3f}") for name, time, size, rhat in zip(
         posterior.target.names, posterior.convergence.times, posterior.convergence.sizes, posterior.convergence.rhats,
         strict=True)]
     table = Table(("parameter", "autocorrelation time", "effective sample size", "R-hat"), times,
