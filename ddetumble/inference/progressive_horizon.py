@@ -50,21 +50,22 @@ def _cut(stack: Stack, horizon: np.ndarray) -> Stack:
                       inputs=stack.inputs | {"mesh": jnp.asarray(mesh * (horizon / mesh[:, -1])[:, None])})
 
 
-def solve_progressively(problem: Problem, free: Sequence[str], start: np.ndarray, **options) -> Solution:
+def solve_progressively(problem: Problem, free: Sequence[str], start: np.ndarray, z: np.ndarray | None = None,
+                        **options) -> Solution:
     """Fit as `Problem.solve` does, free-running records over a growing horizon first, and values where that does not
     converge parameter after parameter; options are of the last fit.
     """
     if problem.records.are_values:
-        found = problem.solve(free, start, **options)
-        return found if found.converged else _solve_one_by_one(problem, free, start, found, **options)
+        found = problem.solve(free, start, z, **options)
+        return found if found.converged else _solve_one_by_one(problem, free, start, z, found, **options)
     if not problem.space.family.free_running:
-        return problem.solve(free, start, **options)
+        return problem.solve(free, start, z, **options)
     whole, lengths = problem.records.stack, problem.records.lengths
     times = np.asarray(whole.time)
     speeds = np.sqrt(sum(np.asarray(whole.values)[:, k] ** 2 for k in range(3))).max(axis=1)
     end = times.max(axis=1)
     horizon = np.maximum(FIRST / np.maximum(speeds, 1e-300), times[:, min(FEWEST, lengths.min() - 1)])
-    u, share = np.array(start, dtype=float), None
+    u, share = np.array(start, dtype=float), z
     while np.any(horizon < end):
         part = Problem(problem.space, dc.replace(problem.records, stack=_cut(whole, np.minimum(horizon, end))),
                        problem.priors)
@@ -75,15 +76,16 @@ def solve_progressively(problem: Problem, free: Sequence[str], start: np.ndarray
     return problem.solve(free, u, share, **options)
 
 
-def _solve_one_by_one(problem: Problem, free: Sequence[str], start: np.ndarray, plain: Solution, **options) -> Solution:
+def _solve_one_by_one(problem: Problem, free: Sequence[str], start: np.ndarray, z: np.ndarray | None, plain: Solution,
+                      **options) -> Solution:
     """Fit what the values feel most, with the rest where it starts, then one parameter more with each fit; the `plain`
     fit where that leaves less.
 
     Far from the values a parameter that they hardly feel runs to where nothing depends on it, and holds the others.
     """
-    felt = np.linalg.norm(problem.solve(free, start, moving=False).flattened()[0], axis=0)
+    felt = np.linalg.norm(problem.solve(free, start, z, moving=False).flattened()[0], axis=0)
     order = [free[int(k)] for k in np.argsort(-felt)]
-    u, share = np.array(start, dtype=float), None
+    u, share = np.array(start, dtype=float), z
     for count in range(1, len(order)):
         part = problem.solve(order[:count], u, share, tolerance=1e-2)
         if not part.failed and np.isfinite(part.chi2):

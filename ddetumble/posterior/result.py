@@ -258,9 +258,10 @@ def summarise_posterior(target: AbstractTarget, sampler: str, settings: Mapping[
                      "density was taken as zero")
     for k, name in enumerate(target.names):
         values, size = public[..., k].ravel(), float(convergence.sizes[k])
-        mean, sd, *quantiles = _summarise_draws(values)
-        parameters[name] = Estimate(mean, sd, *quantiles, sd / float(np.sqrt(max(size, 1.0))), size,
-                                    float(convergence.rhats[k]), float(centre[k]), float(spread[k]), target.units[k])
+        mean, sd, low, middle, high = _summarise_draws(values)
+        parameters[name] = Estimate(
+            mean, sd, low, middle, high, sd / float(np.sqrt(max(size, 1.0))), size, float(convergence.rhats[k]),
+            float(centre[k]), float(spread[k]), target.units[k])
         # Where a limit cuts the posterior off, the fit's interval does not hold, the draws' does.
         for limit, end, bound, q in ((target.low[k], "lower", "below", 0.95), (target.high[k], "upper", "above", 0.05)):
             if np.isfinite(limit) and np.mean(np.abs(x[..., k] - limit) < 0.5 * x[..., k].std()) > CUT:
