@@ -124,7 +124,7 @@ class FittedModel:
         chi2, versions: of the fit, and of the packages that made it.
         extra: what else the writer put there, and the `ambient_pressure` [Pa] that the campaign states.
         notes: sentences on what has changed since it was written.
-        sampling: of a typical record; None in files of earlier versions.
+        sampling: of a typical record; None of a campaign without samples.
         priors: Gaussian (mean, sd) of the coordinates of parameters that were fitted under one, by name.
     """
 
