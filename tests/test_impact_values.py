@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
@@ -112,6 +113,22 @@ def test_peaks_of_impacts_from_which_hardly_anything_rebounds(e):
     assert float(values["peak_normal_force"]) == pytest.approx(want, rel=5e-5)
 
 
+def test_peaks_are_smooth_in_the_restitution():
+    """Another sample becomes the largest as the restitution grows: the peaks that are read do not jump."""
+    conditions = {"initial_pressure": jnp.array(1.5e6), "approach_speed": jnp.array(0.4)}
+
+    def read(e):
+        law = dd.Ball(effective_mass=0.8, restitution=e).extend(())
+        values, _ = read_values(law, conditions, follow(law, conditions, jnp.array(1.0), 5e-8, 5e-10))
+        return jnp.stack([values["peak_normal_force"], values["peak_depression"]])
+
+    share = np.linspace(-1.0, 1.0, 201)
+    found = np.asarray(jax.lax.map(read, jnp.asarray(0.1 * (1.0 + 0.1 * share))))
+    for values in found.T:
+        rest = values - np.polyval(np.polyfit(share, values, 5), share)
+        assert np.abs(np.diff(rest)).max() < 2e-7 * values.max()
+
+
 @pytest.mark.slow
 def test_a_single_value_is_held_against_its_replicates(tmp_path):
     """Of one value the largest residual says what chi-square does, and has no neighbour."""
@@ -174,6 +191,16 @@ def test_a_prior_that_the_values_disagree_with_is_no_misfit():
         assert sum("adhesion_constant" in note for note in notes) == 2
     bounded = dd.fit(campaign, bounds={"slip_scale": (1.05, 2.0)})  # held there, where its prior pulls it
     assert bounded.parameters["slip_scale"].estimate == pytest.approx(1.05)
+
+
+@pytest.mark.slow
+def test_a_long_valley_is_followed_to_its_end():
+    """Table 3, which hardly tells mass and restitution apart: fit and comparison end at one minimum, and say so."""
+    campaign = read_campaign(find_data() / "paper" / "table-3")
+    fit, found = dd.fit(campaign), dd.compare(campaign)
+    assert fit.converged and found.converged
+    for name, own in fit.parameters.items():
+        assert found.parameters[name].estimate == pytest.approx(own.estimate, abs=0.02 * own.sd)
 
 
 @pytest.mark.slow

@@ -89,6 +89,21 @@ def test_gives_up_after_the_stated_number_of_trials(most):
     np.testing.assert_allclose(found.value[0], 1.0, rtol=1e-5)
 
 
+@pytest.mark.parametrize("place", [0.75, 0.85, 0.9])
+def test_small_steps_in_front_of_a_jump_come_to_an_end(place):
+    """The sum of squares rises by 2,000 of 1e8 before its minimum at 1: ever shorter steps still pass, and gain nothing
+    of what is expected."""
+
+    def fn(y, args):
+        x = y[0][0]
+        return (jnp.stack([1e4 + jnp.where(x > place, 0.1, 0.0), 10.0 * (x - 1.0)])[None], y[1], 0.0 * y[0]), None
+
+    solver = BorderedLevenbergMarquardt(jnp.asarray(1e-7), jnp.asarray(60))
+    found = optx.least_squares(fn, solver, (jnp.zeros(1), jnp.zeros((1, 1))), has_aux=True, throw=False)
+    assert solver.has_converged(found.state)
+    np.testing.assert_allclose(found.value[0], place, atol=0.03)
+
+
 def make_solution(shared):
     """A fit of which only the derivatives by its parameters matter; one nuisance, which nothing depends on."""
     records, rows, count = shared.shape

@@ -586,7 +586,7 @@ class Posed:
         self.records = SimpleNamespace(count=len(counted), used=counted > 0)
         self._solve = solve
 
-    def solve(self, names, u, z, max_steps):
+    def solve(self, names, u, z):
         return self._solve(np.array([name in self.priors for name in names]))
 
 

@@ -1,6 +1,6 @@
 """Impacts: a ball held by an arm touches a plate at a speed, and its normal force is measured until it separates."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 import jax
@@ -31,7 +31,10 @@ LONGER = 3.0  # times the longest contact that was measured: what a wrong model 
 _ANGLES, _TAIL = np.pi * np.arange(1, 97) / 96, 1.0 + 0.5 * (np.arange(1, 17) / 16) ** 2
 _EVEN = np.concatenate([0.5 - 0.5 * np.cos(_ANGLES), _TAIL])
 _EARLY = np.geomspace(1e-4, 3e-2, 32)
-CLOSER = 8  # steps, in which the two about the largest sample are read again: peaks are right within 1e-5 then
+# A peak is read again in so many steps between the neighbours of the largest sample, so many times: the first time is
+# right within 1e-5, where another sample becomes the largest the value jumps by as much, and a fit stops at the jump.
+CLOSER, LOOKS = 8, 3
+PEAKS = {"peak_normal_force": "normal_force", "peak_depression": "depression"}  # and what they are peaks of
 # Weights of a quadrature over them: in the angle the trapezoidal rule converges fast, as its integrand ends at zero.
 _ORDER = np.argsort(np.concatenate([_EARLY, _EVEN]))
 SHARES = np.concatenate([_EARLY, _EVEN])[_ORDER]
@@ -56,7 +59,7 @@ def observe_impact(law: Any, conditions: Mapping[str, Array], time: Array, row: 
         return observe_contact(simulate_impact, law, conditions, time, row, channels)
     last = jnp.where(row.span > 0, row.span, 1.0)
     motion = follow(law, conditions, last, row.rtol, 0.01 * row.rtol)
-    values, failed = read_values(law, conditions, motion)
+    values, failed = read_values(law, conditions, motion, channels)
     if set(channels) <= set(VALUES):
         model = jnp.stack([jnp.broadcast_to(values[channel], time.shape) for channel in channels])
         return Observation(model, jnp.broadcast_to(values["peak_depression"], time.shape),
@@ -67,28 +70,41 @@ def observe_impact(law: Any, conditions: Mapping[str, Array], time: Array, row: 
     return Observation(model, found.depression, found.depression_rate, found.separation, found.failed | failed)
 
 
-def read_values(law: ContactLaw, conditions: Mapping[str, Array], motion: Motion) -> tuple[dict[str, Array], Array]:
+def read_values(law: ContactLaw, conditions: Mapping[str, Array], motion: Motion, wanted: Collection[str] = PEAKS
+                ) -> tuple[dict[str, Array], Array]:
     r"""Values of one impact by name, each of shape (), and whether it failed.
 
-    Peaks are those of the sampled gauge reading and depression, read again about the largest sample and refined by a
-    parabola, and the impulse is $\int F\,dt$ of that reading by a quadrature. An impact that has not ended within its
-    span has that for its contact time.
+    Peaks are those of the sampled gauge reading and depression, refined by a parabola; those `wanted` are read again
+    about the largest sample first, and of the others only that of the depression is there. The impulse is
+    $\int F\,dt$ of that reading by a quadrature. An impact that has not ended within its span has that for its
+    contact time.
     """
     times = stop(motion.end) * SHARES
     found, _ = read_motion(law, conditions, times, motion)
 
-    def close_in(values):
-        """Times about the largest, and the last, which tells the gauge how long it goes on ringing."""
-        k = jnp.clip(jnp.argmax(stop(values)), 1, len(SHARES) - 2)
-        return jnp.append(jnp.linspace(times[k - 1], times[k + 1], CLOSER + 1), times[-1])
+    def read_peak(number):
+        def look(window, _):
+            # The last time tells the gauge how long it goes on ringing.
+            close = jnp.append(jnp.linspace(window[0], window[1], CLOSER + 1), times[-1])
+            values = choose(read_motion(law, conditions, close, motion)[0])[:-1]
+            return bracket(close[:-1], values), (close[:-1], values)
 
-    close = jnp.stack([close_in(found.normal_force), close_in(found.depression)])
-    again = jax.lax.map(lambda one: read_motion(law, conditions, one, motion)[0], close)
-    return {
-        "peak_normal_force": refine_peak(close[0, :-1], again.normal_force[0, :-1]),
+        def choose(impact):
+            return jnp.stack([getattr(impact, PEAKS[name]) for name in names])[number]
+
+        _, (close, values) = jax.lax.scan(look, bracket(times, choose(found)), length=LOOKS)
+        return refine_peak(close[-1], values[-1])
+
+    def bracket(times, values):
+        """Times of the neighbours of the largest."""
+        k = jnp.clip(jnp.argmax(stop(values)), 1, len(values) - 2)
+        return stop(times[k - 1]), stop(times[k + 1])
+
+    names = [name for name in PEAKS if name in wanted]
+    peaks = jax.lax.map(read_peak, jnp.arange(len(names))) if names else ()
+    return {"peak_depression": refine_peak(times, found.depression)} | dict(zip(names, peaks, strict=True)) | {
         "rebound_speed": found.rebound_speed, "contact_time": found.separation,
         "impulse": stop(motion.end) * jnp.sum(WEIGHTS * found.normal_force),
-        "peak_depression": refine_peak(close[1, :-1], again.depression[1, :-1]),
     }, found.failed  # fmt: skip
 
 

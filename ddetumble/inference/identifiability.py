@@ -36,7 +36,6 @@ REACH = {
 }  # fmt: skip
 LEAST_PRESSURE = 2e5  # Pa, absolute: with less than the atmosphere over that outside a ball is hardly inflated
 ROUNDING = 1e-7  # of the largest singular value of columns of unit length, below which one is rounding
-STEPS = 100  # of a refit without a prior, at most: without it a valley may be long
 DISAGREES = 3.0  # deviations of a prior, beyond which values are said to disagree with it: by chance one in 370
 DEPRESSION_SD = 2e-5  # m, of a displacement gauge; `design` assumes the same
 # Typical changes that the prior of a parameter of series is wide, and which it has to have gone to have one: Eq. 10's
@@ -242,7 +241,7 @@ def _fit_without(problem: Problem, solution: Solution, gone: tuple[str, ...]) ->
     """The fit again without the priors of these parameters; as it was, where that leaves no less."""
     bare = copy.copy(problem)
     bare.priors = {name: prior for name, prior in problem.priors.items() if name not in gone}
-    found = bare.solve(solution.names, solution.u, solution.z, max_steps=STEPS)
+    found = bare.solve(solution.names, solution.u, solution.z)
     return solution if found.failed or not found.chi2 < solution.chi2 else found
 
 

@@ -26,7 +26,7 @@ from .goodness import LEVEL
 from .identifiability import analyse_fit, limit_knowledge
 from .levenberg_marquardt import FIRST_DAMPING, STALLED, NormalEquations
 from .parameters import AbstractSpace, Slot
-from .problem import AbstractProblem, Problem, Solution
+from .problem import STEPS, AbstractProblem, Problem, Solution
 from .random_effects import Homogeneity, measure_heterogeneity
 
 
@@ -85,7 +85,7 @@ class JointProblem(AbstractProblem):
         return found
 
     def solve(self, free: Sequence[str], start: np.ndarray, z: np.ndarray | None = None, *, moving: bool = True,
-              tolerance: float = 1e-7, max_steps: int = 30) -> Solution:
+              tolerance: float = 1e-7, max_steps: int | None = None) -> Solution:
         """Fit the `free` joint parameters by Levenberg-Marquardt, as `Problem.solve`; all nuisances are fitted anew.
 
         The solution's rows are those of the campaigns' Jacobians after elimination, as few as there are columns.
@@ -94,7 +94,7 @@ class JointProblem(AbstractProblem):
         parts = self.evaluate(free, self.keep_inside(start, columns))
         at = self._join(free, self.keep_inside(start, columns), parts)
         damping, refused, steps, converged = FIRST_DAMPING, 0, 0, not moving
-        while not converged and steps < max_steps and not at.failed:
+        while not converged and steps < (STEPS if max_steps is None else max_steps) and not at.failed:
             rows, right = at.flattened()
             equations = NormalEquations(jnp.zeros((1, 0, 0)), jnp.zeros((1, 0, len(free))), jnp.asarray(rows.T @ rows),
                                         jnp.zeros((1, 0)), jnp.asarray(rows.T @ right))

@@ -17,6 +17,7 @@ from jaxtyping import Array, Bool
 
 
 STALLED = 1e-5  # of the sum of squares, gained by a step: less changes no digit of a result; smaller takes more steps
+IDLE = 0.01  # of the expected decrease, gained by a trial: with less it counts as failed, when nothing is left to gain
 FIRST_DAMPING = 1e-3  # relative to the diagonal of the normal equations: nearly Gauss-Newton, as starts are good
 FAINT, DEAD = 1.0, 1e-6  # sum of squares by a typical change of a parameter, at least, as damped and as solved for
 
@@ -106,6 +107,7 @@ class _SearchState(eqx.Module):
     damping: Array
     growth: Array
     trials: Array
+    idle: Array  # trials in a row that gained hardly anything of what was expected
 
 
 class _GainSearch(optx.AbstractSearch):
@@ -117,7 +119,7 @@ class _GainSearch(optx.AbstractSearch):
     tolerance: Array
 
     def init(self, y: Any, f_info_struct: Any) -> _SearchState:
-        return _SearchState(jnp.asarray(FIRST_DAMPING), jnp.asarray(10.0), jnp.asarray(0))
+        return _SearchState(jnp.asarray(FIRST_DAMPING), jnp.asarray(10.0), jnp.asarray(0), jnp.asarray(0))
 
     def step(self, first_step: Bool[Array, ""], y: Any, y_eval: Any, f_info: Any, f_eval_info: Any,
              state: _SearchState) -> tuple[Array, Bool[Array, ""], optx.RESULTS, _SearchState]:
@@ -132,15 +134,17 @@ class _GainSearch(optx.AbstractSearch):
                             jnp.where(accept, state.damping * shrink, state.damping * state.growth))
         growth = jnp.where(accept, 10.0, 5.0 * state.growth)
         damping = jnp.clip(damping, 1e-12, 1e12)
-        return 1.0 / damping, accept, optx.RESULTS.successful, _SearchState(damping, growth, state.trials + 1)
+        later = _SearchState(damping, growth, state.trials + 1, state.idle)
+        return 1.0 / damping, accept, optx.RESULTS.successful, later
 
 
 class BorderedLevenbergMarquardt(optx.AbstractGaussNewton):
     """Levenberg-Marquardt that ends where the sum of squares is expected to fall by less than `tolerance`.
 
     That expected decrease is the squared distance to the minimum in standard errors, so a tolerance of 1e-4 means 1 %
-    of a standard error. It also ends where steps that promise less than a share `STALLED` fail three times in a row:
-    where the force breaks off at separation, the sum of squares jumps as separation passes a sample.
+    of a standard error. It also ends where less than a share `STALLED` is expected and three trials in a row
+    gain hardly anything of it: where the force breaks off at separation, the sum of squares jumps as separation passes
+    a sample. In front of such a jump ever shorter steps still pass, and gain nothing.
     After `most` trials it gives up, as `max_steps` of optimistix would, which is compiled in; `has_converged` tells.
     `optimistix.least_squares` runs it on functions of `(theta, z)`, shapes (shared,) and (records, own).
     """
@@ -161,14 +165,18 @@ class BorderedLevenbergMarquardt(optx.AbstractGaussNewton):
 
     def step(self, fn, y, args, options, state, tags):
         """One trial; ends as soon as little is expected from another."""
+        before, expected = state.f_info.as_min(), state.descent_state.expected
         y, state, _ = super().step(fn, y, args, options, state, tags)
+        gained = 2.0 * (before - state.f_info.as_min())
+        idle = jnp.where(jnp.isinf(expected) | (gained > IDLE * expected), 0, state.search_state.idle + 1)
+        state = eqx.tree_at(lambda s: s.search_state.idle, state, idle)
         done = self.has_converged(state) | (state.search_state.trials >= self.most)
         return y, eqx.tree_at(lambda s: s.terminate, state, done), state.aux
 
     def has_converged(self, state) -> Bool[Array, ""]:
         """Whether little is expected from another trial."""
         expected = state.descent_state.expected
-        stalled = (state.num_steps_since_acceptance >= 3) & (expected < STALLED * 2.0 * state.f_info.as_min())
+        stalled = (state.search_state.idle >= 3) & (expected < STALLED * 2.0 * state.f_info.as_min())
         return (expected < self.tolerance) | stalled
 
 

@@ -30,6 +30,7 @@ from .stack import COSINE, SINE, ZERO, Records, Stack, is_added
 
 FAILED = 1e4
 FAINT = 1e-6  # of derivatives by coordinates in their scales: below it, rounding and the integrator's tolerance
+STEPS, MORE_STEPS = 30, 300  # of a fit at most; values cost little a step, and the valleys of a few of them are long
 BLOCK = 3_000_000  # numbers of a Jacobian up to which two are computed side by side
 MIDWAY, COPIES = 8, 4  # times the memory of one record's that is taken on the way; and times that of the whole Jacobian
 
@@ -340,7 +341,7 @@ class AbstractProblem(abc.ABC):
 
     @abc.abstractmethod
     def solve(self, free: Sequence[str], start: np.ndarray, z: np.ndarray | None = None, *, moving: bool = True,
-              tolerance: float = 1e-7, max_steps: int = 30) -> Solution:
+              tolerance: float = 1e-7, max_steps: int | None = None) -> Solution:
         """Fit the `free` parameters, and all nuisances, from the coordinates `start`, as `Problem.solve` does."""
 
     @abc.abstractmethod
@@ -398,7 +399,7 @@ class Problem(AbstractProblem):
         return found
 
     def solve(self, free: Sequence[str], start: np.ndarray, z: np.ndarray | None = None, *, moving: bool = True,
-              tolerance: float = 1e-7, max_steps: int = 30) -> Solution:
+              tolerance: float = 1e-7, max_steps: int | None = None) -> Solution:
         """Fit the `free` parameters (names) and all nuisances from the coordinates `start`.
 
         Args:
@@ -407,9 +408,10 @@ class Problem(AbstractProblem):
             z: start of the nuisances, shape (records, nuisances); those that are new begin at 0.
             moving: False evaluates residual and Jacobian at the start only.
             tolerance: ends where chi-square is expected to fall by less.
-            max_steps: after which the fit counts as not converged.
+            max_steps: after which the fit counts as not converged; where not given, `STEPS`, of values `MORE_STEPS`.
         """
         stack, count = self.records.stack, self.records.count
+        most = max_steps if max_steps is not None else MORE_STEPS if self.records.are_values else STEPS
         slots = next(s for s in self.space.family.slots if len(free) <= s)
         numbers = stack.values.size * (slots + len(self.records.nuisances) + 1)
         need = 8.0 * (COPIES * numbers + MIDWAY * numbers // len(stack.present))
@@ -436,7 +438,7 @@ class Problem(AbstractProblem):
             with reserve_memory(need, what):
                 theta, z_new, at, converged, steps = jax.block_until_ready(call_kept(
                     _solve, static, name, FOUND, stack, base, directions, *self.limits, mean, weight, z0,
-                    np.asarray(float(moving)), np.asarray(tolerance), np.asarray(max_steps)))
+                    np.asarray(float(moving)), np.asarray(tolerance), np.asarray(most)))
         except (RuntimeError, ValueError) as error:
             if "RESOURCE_EXHAUSTED" in str(error) or "Out of memory" in str(error):
                 raise MemoryError(f"{what} needs more than the machine has") from error

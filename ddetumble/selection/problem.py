@@ -218,7 +218,7 @@ class SelectionProblem:
                 u[self.space.index[name]] = value
             try:
                 solution = solve(free, u, own, tolerance=1.0 if screening else tolerance,
-                                 max_steps=self.settings.screening_steps if screening else 30)
+                                 max_steps=self.settings.screening_steps if screening else None)
             except ComputationError:
                 continue
             if not solution.failed and np.isfinite(solution.chi2) and (best is None or solution.chi2 < best.chi2):
