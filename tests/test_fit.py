@@ -374,6 +374,21 @@ def test_a_prior_of_a_temperature_may_be_in_degrees(tmp_path):
     assert read.chosen["priors"]["warm-wall.theta"] == pytest.approx((293.15, 2.0))
 
 
+def test_bounds_are_read_in_their_unit():
+    read = read_source("slip-a", None, "fit", None, model="eq10", effects=(), free=None, fixed=None, priors=None,
+                       bounds=["sum_1=-1..2.5 1/m", "adhesion_constant=.5..1.", "loss_factor = 0..1"])
+    assert read.chosen["bounds"]["sum_1"] == pytest.approx((-1e-3, 2.5e-3))
+    assert read.chosen["bounds"]["adhesion_constant"] == (0.5, 1.0) and read.chosen["bounds"]["loss_factor"] == (0, 1)
+
+
+@pytest.mark.slow
+def test_a_bound_holds_on_the_command_line(curved, tmp_path):
+    """The mass, which would be 1.3 kg, stays at its bound; the command that is written down says so."""
+    found = fit_by_command(curved, tmp_path / "a", "--bound", "effective_mass=1000..1250 g")
+    assert found["parameters"]["effective_mass"]["estimate"] == pytest.approx(1.25, rel=1e-6)
+    assert '--bound "effective_mass=1..1.25 kg"' in found["settings"]["command"]
+
+
 @pytest.mark.study
 def test_a_fit_by_hand_is_as_good_as_that_of_discover(curved, tmp_path):
     found = dd.discover(curved)
@@ -393,6 +408,9 @@ def test_a_fit_by_hand_is_as_good_as_that_of_discover(curved, tmp_path):
     (["--prior", "effective_mass=-1+-0.1 kg"], "positive"),
     (["--free", "wall-stiffness.q", "--prior", "wall-stiffness.q=-50+-0.1"], "wall-stiffness.q"),
     (["--prior", "wall-stiffness.q=1+-0.1"], "not fitted"),
+    (["--bound", "effective_mass=1..1.5"], "kg"), (["--bound", "restitution=0.7"], "--bound restitution"),
+    (["--bound", "restitution=0.9..0.5"], "--bound restitution"), (["--bound", "restitutio=0.5..1"], "--bound"),
+    (["--bound", "wall-stiffness.q=1..2"], "wall-stiffness.q"), (["--bound", "effective_mass=1..2 s"], "kg"),
     (["--fix", "wall-stiffness.q=1", "--free", "wall-stiffness.q"], "both free and fixed")], ids=str)
 def test_faulty_choices_are_refused(folder, words, says, tmp_path, capsys):
     assert main(["fit", str(folder), "-e", "wall-stiffness", *words, "-o", str(tmp_path / "fit")]) == 2

@@ -7,6 +7,7 @@ import typer
 
 from .._errors import InputError
 from .options import (
+    Bound,
     Effects,
     Fix,
     Free,
@@ -29,6 +30,7 @@ from .progress import show_progress
          "fit data/impact-b --effect adhesion -o fit",
          "fit data/impact-h -e arm-servo -e wall-stiffness --free wall-stiffness.q -o fit",
          'fit data/impact-b --fix "effective_mass=1.2 kg" --prior restitution=0.7+-0.05 -o fit',
+         'fit data/impact-b --bound restitution=0.5..0.9 --bound "effective_mass=1..1.5 kg" -o fit',
          "fit fits/impact-b/fit.toml", "fit normal oblique friction --own restitution -o ball",
          "fit ball-1 ball-2 ball-3 ball-4 --population -o balls")
 def fit_parameters(
@@ -41,6 +43,7 @@ def fit_parameters(
     free: Free = None,
     fix: Fix = None,
     prior: Prior = None,
+    bound: Bound = None,
     output: Annotated[Path | None, place("Folder for result and model; for one fit.toml, its own by default.")] = None,
     own: Annotated[Texts, option("NAME", "Of several campaigns: each keeps this parameter for itself; may be "
                                          "repeated.")] = None,
@@ -58,11 +61,11 @@ def fit_parameters(
         raise InputError("--profile is of one campaign")
     if len(sources) > 1:
         return _fit_several(sources, output, effects_from, model, effect, own or [], population, overwrite,
-                            bool(free or fix or prior))
+                            bool(free or fix or prior or bound))
     if own or population:
         raise InputError("--own and --population take several campaigns")
     read = read_source(sources[0], output, "fit", effects_from, model=model, effects=effect, free=free, fixed=fix,
-                       priors=prior)
+                       priors=prior, bounds=bound)
     from ..inference.archive import FILE as MODEL_FILE
     from ..inference.estimation import fit
     from ..inference.findings import FILE
@@ -87,8 +90,8 @@ def _fit_several(sources: list[str], output: Path | None, effects_from: Path | N
                  effects: Texts, own: list[str], population: bool, overwrite: bool, others: bool):
     """Fit several campaigns together, or as specimens; an effect goes to those of a kind on which it acts."""
     if others:
-        raise InputError("--free, --fix and --prior are of one campaign; give each of several a fit.toml, and name "
-                         "these files")
+        raise InputError("--free, --fix, --prior and --bound are of one campaign; give each of several a fit.toml, "
+                         "and name these files")
     if population and own:
         raise InputError("--own is for campaigns that share parameters; with --population they share none")
     from ..contact.effect import family_of

@@ -80,6 +80,9 @@ Free = Annotated[Texts, option(
 Fix = Annotated[Texts, option("NAME=VALUE", "Hold this parameter fixed: 'effective_mass=1.3 kg'; may be repeated.")]
 Prior = Annotated[Texts, option(
     "NAME=MEAN+-SD", "Gaussian prior of a fitted parameter: 'restitution=0.7+-0.05'; may be repeated.")]
+Bound = Annotated[Texts, option(
+    "NAME=LOW..HIGH", "Bounds of a fitted parameter: 'restitution=0.5..0.9' or 'effective_mass=1..1.5 kg'; may be "
+                      "repeated.")]
 Family = Annotated[str | None, option(
     "NAME", "Family of records: impact, slip, oblique or tumble, or FILE.py:NAME for one of your own; if not given, "
             "all.")]
@@ -120,7 +123,7 @@ def read_source(text: str, output: Path | None, ending: str, own: Path | None, *
     if text.endswith(".toml"):
         if own or any(given.values()):
             raise InputError("the specification is complete; leave out --model, --effect, --effects-from, --free, "
-                             "--fix and --prior", file=text)
+                             "--fix, --prior and --bound", file=text)
         path = Path(text)
         if not path.is_file():
             raise InputError("this file does not exist", file=path)
@@ -157,12 +160,12 @@ def resolve_own(names: Sequence[str] | None, path: Path | None) -> tuple[list, l
 
 
 def _read_choice(family: str, own: Path | None, model: str | None, effects: Sequence[str] | None,
-                 free: Sequence[str] | None, fixed: Sequence[str] | None, priors: Sequence[str] | None
-                 ) -> dict[str, Any]:
+                 free: Sequence[str] | None, fixed: Sequence[str] | None, priors: Sequence[str] | None,
+                 bounds: Sequence[str] | None = None) -> dict[str, Any]:
     """Arguments of `fit` for records of a family, by what the command line says; of the paper's model if silent."""
     names, model = tuple(name_own(effects or (), own)), model or "paper"
     chosen: dict[str, Any] = {"model": model, "effects": names}
-    if not (free or fixed or priors):
+    if not (free or fixed or priors or bounds):
         return chosen
     from ..contact.effect import parameters_of
     from ..inference.archive import resolve_model
@@ -183,7 +186,9 @@ def _read_choice(family: str, own: Path | None, model: str | None, effects: Sequ
             for name, text in read_pairs("fix", fixed).items()}
     known = {name: _read_prior(name, text, _find_unit("prior", name, units))
              for name, text in read_pairs("prior", priors).items()}
-    return chosen | {"free": freed, "fixed": held, "priors": known}
+    ends = {name: _read_bounds(name, text, _find_unit("bound", name, units))
+            for name, text in read_pairs("bound", bounds).items()}
+    return chosen | {"free": freed, "fixed": held, "priors": known} | ({"bounds": ends} if ends else {})
 
 
 def _find_unit(option: str, name: str, units: dict[str, str]) -> str:
@@ -199,6 +204,24 @@ def _read_value(option: str, name: str, text: str, unit: str) -> float:
 
     with error_place(option=f"--{option} {name}"):
         return read_known(name, text, unit or "1")
+
+
+def _read_bounds(name: str, text: str, unit: str) -> tuple[float, float]:
+    """Lower and upper bound of a parameter in its own unit: `1..1.5 kg`."""
+    from ..measurement.units import NUMBER, parse_quantity, refuse_bare
+
+    match = re.fullmatch(rf"\s*({NUMBER})\s*\.\.\s*({NUMBER})(?:\s*([^\d\s.].*)|\s+(1/.*))?\s*", text)
+    with error_place(option=f"--bound {name}"):
+        if match is None:
+            raise InputError(f"write it like NAME=LOW..HIGH{f', with the unit behind, such as {unit}' * bool(unit)}; "
+                             f"{text!r} does not have this form")
+        behind = (match[3] or match[4] or "").strip()
+        if not behind:
+            refuse_bare(text, name, unit)
+        low, high = (parse_quantity(f"{end} {behind}".strip(), name, unit or "1") for end in (match[1], match[2]))
+        if not low < high:
+            raise InputError(f"the lower bound has to be below the upper one; {text.strip()!r} is not so")
+    return low, high
 
 
 def _read_prior(name: str, text: str, unit: str) -> tuple[float, float]:

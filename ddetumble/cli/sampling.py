@@ -7,6 +7,7 @@ import typer
 
 from .._errors import InputError
 from .options import (
+    Bound,
     Effects,
     Fittable,
     Fix,
@@ -40,6 +41,7 @@ def sample_posterior(
     free: Free = None,
     fix: Fix = None,
     prior: Prior = None,
+    bound: Bound = None,
     output: Annotated[Path | None, place("Folder for draws and report; for fit.toml, its own by default.")] = None,
     nuts: Annotated[bool, typer.Option("--nuts", help="Use NUTS instead of emcee; needs the extra `nuts`.")] = False,
     effective: Annotated[Count, option("N", "Effective sample size wanted of every parameter [1000].")] = None,
@@ -55,7 +57,7 @@ def sample_posterior(
     stopped, the same command continues.
     """
     read = read_source(source, output, "posterior", effects_from, model=model, effects=effect, free=free, fixed=fix,
-                       priors=prior)
+                       priors=prior, bounds=bound)
     from ..posterior.result import FILE, SUMMARY
     from ..posterior.sampling import CHAIN, sample
 

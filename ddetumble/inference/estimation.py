@@ -281,14 +281,15 @@ def _refuse_stray(problem: Problem, solution: Solution) -> None:
 
 
 def _write_choices(space: ParameterSpace, wanted: Specification) -> list[str]:
-    """What is free, held and drawn to a prior as options of the command line, which ask for units."""
+    """What is free, held, drawn to a prior and bounded as options of the command line, which ask for units."""
     def write(option: str, name: str, number: str) -> str:
         value = f"{name}={number} {space.parameter(name).unit}".rstrip()
         return f'--{option} "{value}"' if " " in value else f"--{option} {value}"
 
     return [*(f"--free {n}" if v is True else write("free", n, f"{v:g}") for n, v in wanted.free.items()),
             *(write("fix", n, f"{v:g}") for n, v in wanted.fixed.items()),
-            *(write("prior", n, f"{p.mean:g}+-{p.sd:g}") for n, p in wanted.priors.items())]
+            *(write("prior", n, f"{p.mean:g}+-{p.sd:g}") for n, p in wanted.priors.items()),
+            *(write("bound", n, f"{low:g}..{high:g}") for n, (low, high) in wanted.bounds.items())]
 
 
 def _choose_free(assembly: Assembly, chosen: Sequence[type[AbstractEffect]], wanted: Specification) -> list[str]:
