@@ -307,6 +307,7 @@ def test_the_command_line(tmp_path, capsys, monkeypatch):
     written = json.loads((tmp_path / "ball" / "joint.json").read_text())
     assert list(written["shared"]) == ["effective_mass"]
     assert (tmp_path / "ball" / "part-2" / "model.json").is_file() and (tmp_path / "ball" / "estimates.png").is_file()
+    assert "effective_mass" in (tmp_path / "ball" / "report.html").read_text(encoding="utf-8")
     assert main(["fit", "part-1", "part-2", "--population"]) == 0
     assert (tmp_path / "part-1-population" / "population.json").is_file()
     capsys.readouterr()

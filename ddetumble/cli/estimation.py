@@ -120,8 +120,14 @@ def _fit_several(sources: list[str], output: Path | None, effects_from: Path | N
         result = fit_population(fits) if population else fit_jointly(fits, own=own)
         result.save(out.draft)
         write_bytes(render_png(draw_forest(result.intervals)), out.draft / "estimates.png")
+        page = None
+        if output is not None:
+            from ..reports.joint import report_joint
+
+            report("drawing the page", 0.99)
+            page = report_joint(result, out.draft).name
     typer.echo(str(result))
-    typer.echo(f"Written to {out.path}")
+    typer.echo(f"Written to {out.path}" if page is None else f"Report: {out.path / page}")
 
 
 @command("predict", "Predict with a fitted model at new conditions, with uncertainty.",
