@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import json
+import re
 from pathlib import Path
 
 import jax
@@ -30,7 +31,7 @@ from ddetumble.planning.scenario_file import ErrorTable, read_scenario
 from ddetumble.planning.sequence import Joint, add_up
 from ddetumble.planning.single import compute_impact, compute_slopes, plan_strike
 from ddetumble.planning.uncertainty import find_tail
-from ddetumble.reports.plan import find_unloaded, write_plan
+from ddetumble.reports.plan import find_unloaded, list_inertia, write_plan
 
 
 pytestmark = pytest.mark.slow  # one program, compiled first, is in all of them
@@ -589,3 +590,23 @@ def test_prices_name_the_limit_that_holds():
     assert [one.key for one in name_narrowed(prices, given, narrowed)] == [
         "limits.within", "limits.within", "limits.pressure", "limits.approach"]
     assert name_narrowed(prices, given, given) == prices
+
+
+def read_numbers(text):
+    """Numbers of a text, in their order."""
+    return [float(one) for one in re.findall(r"-?\d+\.?\d*", text.replace("−", "-"))]
+
+
+def test_a_full_tensor_is_shown_with_its_axes():
+    """A body of moments 1, 2 and 4 turned by 30° about its z axis; and one with two equal moments."""
+    c, s = np.cos(np.pi / 6), np.sin(np.pi / 6)
+    turned = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    tensor = turned @ np.diag([1.0, 2.0, 4.0]) @ turned.T
+    whole, *axes = [read_numbers(text) for _, text in list_inertia(tensor)]
+    assert whole == pytest.approx(list(tensor.ravel()), abs=1e-3)
+    assert [one[0] for one in axes] == [1.0, 2.0, 4.0] and [one[4] for one in axes] == [30.0, 30.0, 0.0]
+    assert [one[1:4] for one in axes] == [pytest.approx(list(axis), abs=1e-3) for axis in turned.T]
+    ring = list_inertia(2.0 * np.eye(3) + np.ones((3, 3)))
+    assert [read_numbers(text)[0] for _, text in ring[1:]] == [2.0, 5.0]
+    assert np.abs(read_numbers(ring[1][1])[1:]) == pytest.approx(3 * [0.577])
+    assert [read_numbers(text) for _, text in list_inertia(np.diag([1.0, 2.0, 3.0]))] == [[1.0, 2.0, 3.0]]

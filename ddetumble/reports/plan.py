@@ -372,15 +372,38 @@ def _describe_attitude(attitude: np.ndarray) -> str:
     return f"turned by {_show(np.degrees(2.0 * np.arctan2(size, w)), 2)}° about ({_join(axis / size)}), inertial"
 
 
+def list_inertia(inertia: np.ndarray) -> list[tuple[str, str]]:
+    """The tensor of inertia (3, 3) [kg m²] as given, and where it is not diagonal its principal moments, smallest
+    first, with their axes in body components and the angle from each to the nearest body axis."""
+    moments = np.diag(inertia)
+    close = 1e-9 * float(np.max(moments))
+    if np.allclose(inertia, np.diag(moments), atol=close):
+        return [("moments of inertia about body x, y, z", f"{', '.join(f'{one:.4g}' for one in moments)} kg m²")]
+    whole = "; ".join(", ".join(f"{one:.4g}" for one in row) for row in inertia).replace("-", "−")
+    rows = [("tensor of inertia, rows of body x, y, z", f"({whole}) kg m²")]
+    moments, axes = np.linalg.eigh(inertia)
+    for k in range(3):
+        same = np.flatnonzero(np.abs(moments - moments[k]) <= close)
+        if len(same) == 2:  # any two axes of their plane
+            other = axes[:, next(i for i in range(3) if i not in same)]
+            if k == same[0]:
+                rows.append(("principal moments, two", f"{moments[k]:.4g} kg m², about every axis normal to "
+                                                       f"({_join(other)})"))
+            continue
+        nearest = int(np.argmax(np.abs(axes[:, k])))
+        axis = axes[:, k] * np.sign(axes[nearest, k])
+        angle = np.degrees(np.arctan2(np.linalg.norm(np.delete(axis, nearest)), axis[nearest]))
+        rows.append(("principal moment", f"{moments[k]:.4g} kg m², about ({_join(axis)}), {angle:.1f}° from body "
+                                         f"{'xyz'[nearest]}"))
+    return rows
+
+
 def _show_problem(plan: Plan) -> Section:
     """What is struck, what is allowed and what is wanted, as they were given."""
     problem, limits, goal = plan.problem, plan.problem.limits, plan.problem.goal
     debris, rates = problem.debris, np.asarray(problem.angular_velocity)
     inertia = np.asarray(debris.inertia)
     turn = float(np.linalg.norm(rates))
-    moments = np.diag(inertia)
-    own = np.allclose(inertia, np.diag(moments), atol=1e-9 * float(np.max(moments)))  # else they say nothing
-    moments = moments if own else np.linalg.eigvalsh(inertia)
     faces = debris.surface.face_names()
     allowed = ", ".join(faces[k] for k in list_faces(problem)[:6]) + (", ..." if len(list_faces(problem)) > 6 else "")
     area = "" if np.isinf(float(limits.radius)) else (
@@ -394,8 +417,7 @@ def _show_problem(plan: Plan) -> Section:
     rows = [
         ["debris", "shape", _describe_shape(debris.surface)],
         ["debris", "mass", f"{float(debris.mass):.4g} kg"],
-        ["debris", "moments of inertia about body x, y, z" if own else "principal moments of inertia",
-         f"{', '.join(f'{one:.4g}' for one in moments)} kg m²"],
+        *(["debris", *row] for row in list_inertia(inertia)),
         *([["debris", "centre of mass, from that of uniform density",
             f"({_join(np.asarray(debris.surface.centre))}) m"]]
           if isinstance(debris.surface, OffsetSurface) else []),
