@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 import ddetumble as dd
 from ddetumble._errors import InputError
 from ddetumble._settings import find_data
+from ddetumble.cli import main
 from ddetumble.dynamics.impact import follow
 from ddetumble.families import open_campaign
 from ddetumble.families.impact import read_values
@@ -281,3 +282,9 @@ def test_eleven_numbers_name_no_pair_of_effects():
     found = dd.discover(read_campaign(find_data() / "paper" / "table-3"))
     assert found.verdict in ("improved", "unexplained") and len(found.effects) <= 1
     assert found.missing is None and found.steps[0].lack_of_fit.rejected
+
+
+def test_where_no_missing_force_can_be_drawn_another_verb_is_named(capsys):
+    assert main(["missing", str(find_data() / "paper" / "table-3")]) == 2
+    told = capsys.readouterr().err
+    assert "table-3" in told and "ddetumble compare" in told

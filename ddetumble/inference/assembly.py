@@ -73,10 +73,12 @@ def assemble_space(campaign: Campaign, reference: AbstractModel,
 
 
 def require_samples(campaign: Campaign) -> None:
-    """Refuse a campaign of values only, of which a test gives one each."""
+    """Refuse a campaign of values only, of which a test gives one each: there is no curve to draw a force along."""
     if set(campaign.channels) <= set(find_family(name_family(campaign)).values):
-        raise InputError(f"campaign {campaign.name!r} contains only peaks or other single values, but this needs "
-                         "sampled records: force over time or slip")
+        raise InputError(f"campaign {campaign.name!r} contains only peaks or other single values, and no "
+                         "sampled records along which a missing force could be drawn; `ddetumble compare` shows what "
+                         "the model leaves of each value by record and condition, and `ddetumble discover` which "
+                         "effect would explain it")
 
 
 def _list_warnings(campaign: Campaign, space: ParameterSpace, reference: AbstractModel) -> list[str]:
