@@ -5,7 +5,7 @@ Each table is that of one family of tests, which holds it (`Family.models`).
 
 import dataclasses as dc
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -26,6 +26,11 @@ class BuiltinModel:
     # whether `discover` tries it in place of another before it stacks three effects. Readings that contradict
     # themselves, feed energy in, or give the same motion under another restitution (Eq. 6), are none.
     rival: bool = True
+    needs: tuple[str, ...] = ()  # without their values from the campaign it is no such rival: its own are of one ball
+
+    def is_rival(self, known: Mapping[str, Any]) -> bool:
+        """Whether it is tried in place of another model on a campaign in which these parameters are known."""
+        return self.rival and all(known.get(name) is not None for name in self.needs)
 
 
 def _make(kind: str, *parts: Callable[[], Any], **choices: Any) -> Any:
@@ -76,7 +81,8 @@ MODELS: dict[str, BuiltinModel] = {
     "shell": BuiltinModel(
         "a rubber shell of Table 2 (40/60 mm) with gas in its cavity, side by side, with exact damping.",
         f"F_n = (P' pi b^2 + k_s delta) (1 + c_n w), k_s = 4 E t^2/(R sqrt(3 (1 - nu^2))), b = pi delta/4, {_GAS}",
-        f"Table 2; Reissner 1946, J. Math. Phys. 25, 279; {_HUNT}", _shell, rival=False),
+        f"Table 2; Reissner 1946, J. Math. Phys. 25, 279; {_HUNT}", _shell,
+        needs=("inner_diameter", "outer_diameter", "elastic_modulus", "poisson_ratio")),
     "power-law": BuiltinModel(
         "a soft body without gas: elastic force as a power of the depression and of one condition, exact damping.",
         "F_n = F_10 (delta/10 mm)^n (c/c_0)^beta (1 + c_n w)", f"Hertz 1882 is n = 3/2; {_HUNT}", _soft),

@@ -6,6 +6,7 @@ from scipy.integrate import quad
 
 import ddetumble as dd
 from ddetumble.contact.shell import inflation_pressure, limit_pressure, shell_stiffness
+from ddetumble.reference_models import MODELS
 
 
 @pytest.mark.parametrize("stretch", [1.05, 1.4, 2.5])
@@ -77,3 +78,12 @@ def test_gas_stands_beside_the_wall():
     alike = dd.dynamics.simulate_impact(soft, {"initial_pressure": 1e6, "approach_speed": 0.1},
                                         np.linspace(0.0, 0.1, 501))
     np.testing.assert_allclose(alike.normal_force, found.normal_force, rtol=1e-6, atol=1e-6)
+
+
+def test_the_shell_rivals_other_models_where_its_ball_is_known():
+    """Its own diameters and modulus are those of Table 2: another campaign may be of another ball."""
+    shell, ball = MODELS["shell"], {"inner_diameter": 0.04, "outer_diameter": 0.06, "elastic_modulus": 7.8e6}
+    assert shell.is_rival(ball | {"poisson_ratio": 0.47})
+    for known in ({}, ball, ball | {"poisson_ratio": None}):
+        assert not shell.is_rival(known)
+    assert MODELS["matunaga"].is_rival({}) and not MODELS["paper-eq6"].is_rival(ball)

@@ -70,7 +70,8 @@ def _list_further(result: "Comparison | Comparisons", campaign: str, model: str,
     chosen = ["-m", model] if model != "paper" else []
     found = [f"What is missing: ddetumble discover {shlex.join([campaign, *chosen])}"]
     own = identify_model(resolve_model(model, name_family(measured)).reference)
-    others = [name for name, built in family.models.items() if built.rival and identify_model(built.make()) != own]
+    others = [name for name, built in family.models.items()
+              if built.is_rival(measured.known) and identify_model(built.make()) != own]
     if others and result.chi2_reduced > DEFAULT.far:
         beside = shlex.join([campaign, *(word for name in (model, *others) for word in ("-m", name))])
         found.append(f"Other reference models beside it: ddetumble compare {beside}")

@@ -409,7 +409,7 @@ def _fit_references(asked: ResolvedModel, begin: Begin, state: Cleaned, own: Fit
     fitted, known = [], [identify_model(asked.reference)]
     for name, built in find_family(name_family(state.campaign)).models.items():
         reference = built.make()
-        if not built.rival or identify_model(reference) in known:
+        if not built.is_rival(state.campaign.known) or identify_model(reference) in known:
             continue
         report(f"fitting other reference models: {name}", math.nan)
         try:
