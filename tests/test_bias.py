@@ -12,9 +12,10 @@ from ddetumble.effects.impact import SensorGain, WallStiffness
 from ddetumble.exam.cases import Exam, sample_case, write_case
 from ddetumble.inference.archive import resolve_model
 from ddetumble.measurement.units import Uncertainty
-from ddetumble.selection.bias import find_bias, fit_biases, matches_effects, stand_in
+from ddetumble.selection.bias import SettingBias, find_bias, fit_biases, matches_effects, stand_in
 from ddetumble.selection.cross_validation import leave_out
 from ddetumble.selection.problem import fit_reference, pose_selection
+from ddetumble.selection.settings import DEFAULT
 
 
 EXAM = Exam("slip", 94, ("one", "two", "outside"), bench="drawn")
@@ -62,6 +63,16 @@ def test_a_bias_of_one_setting_explains_the_records(name, share):
         close = best.name == name and abs(best.bias - share) < 3.0 * best.sd
         right += close and best.rejected is False and best.merit < fitted.merit and best.difference < 0.0
     assert right >= 7
+
+
+def test_an_error_that_may_be_none_stands_for_nothing(monkeypatch):
+    """Of two errors that leave no misfit the one within its deviations explains none of it."""
+    def make(name, bias):
+        return SettingBias(name, bias, 0.01, 0.0, False, 0.0, 1.0, ("ripple",))
+
+    pair = [make("pressure", 1e-4), make("speed", -0.03)]
+    monkeypatch.setattr("ddetumble.selection.bias.fit_biases", lambda *_: pair)
+    assert stand_in(SimpleNamespace(settings=DEFAULT), ["first", "last"]) == (pair[1:], [])
 
 
 @pytest.mark.slow

@@ -1,12 +1,14 @@
 """Confidence in a verdict: its closed form, and that what is shipped is what the committed exams show."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy import integrate
 
 from ddetumble.selection.confidence import PRIOR, find_confidence, list_allowances, read_track_record
+from ddetumble.selection.discovery import Discovery
 from docs.track_record import count_verdicts, predict_exams, read_exams
 
 
@@ -69,3 +71,13 @@ def test_what_was_allowed_for():
     noise = {"normal_force": {"varies": False, "slow_sd": 0.0, "hum": []}, "pressure": {"hum": [{"frequency": 50.0}]}}
     assert list_allowances(noise, spread=(), irregular=False) == ("hum",)
     assert list_allowances({}, spread=("load",), irregular=True) == ("spread", "irregular")
+
+
+@pytest.mark.parametrize(("family", "records", "samples", "stated"), [
+    ("slip", 16, 1600, True), ("slip", 5, 500, False), ("slip", 16, 16, False), ("tumble", 4, 4000, True),
+])
+def test_no_probability_of_campaigns_that_the_exam_does_not_know(family, records, samples, stated):
+    """The exam hides nothing in so few tests, but for long ones of tumbling bodies, and has no single values."""
+    found = SimpleNamespace(family=family, verdict="nothing-missing", allowances=(),
+                            counts={"records": records, "samples": samples})
+    assert (Discovery.confidence.fget(found) is not None) is stated

@@ -17,7 +17,7 @@ from ddetumble.exam.simulators.impact_campaigns import make_campaign
 from ddetumble.families import find_family
 from ddetumble.inference.goodness import combine_p_values
 from ddetumble.measurement.faults import Fault
-from ddetumble.selection.discover import Conclusion, _conclude, _doubt_record, list_exact
+from ddetumble.selection.discover import Conclusion, _conclude, _doubt_record, _is_unrepeated, list_exact
 from ddetumble.selection.lack_of_fit import is_moved, measure_shifts
 from ddetumble.selection.result import MissingForce
 from ddetumble.selection.settings import DEFAULT
@@ -147,13 +147,33 @@ def test_noise_is_no_account_of_what_is_far_larger(monkeypatch, verdict, before,
                                 find_effects=lambda effects: ())
     for name, answer in {"_decide": (verdict, [], steps, None), "_draw_force": object.__new__(MissingForce),
                          "is_unrelated": (True, judged), "find_rounding": None, "stand_in": ([], []),
-                         "matches_effects": False}.items():
+                         "matches_effects": False, "_is_unrepeated": False}.items():
         monkeypatch.setattr(f"ddetumble.selection.discover.{name}", lambda *_, answer=answer: answer)
     path = SimpleNamespace(selection=selection, keep_physical=lambda: (steps, ()), steps=steps, visible=True,
                            ambiguous=False)
     end = _conclude(path, False, lambda *_: None)
     assert (end.verdict, end.irregular) == expected
     assert bool(end.dropped) == (verdict == "improved" and end.verdict == "undecided")
+
+
+@pytest.mark.parametrize(("verdict", "times", "smooth", "loose", "few", "expected"), [
+    ("unexplained", 0.9, 1e-9, (), True, True), ("improved", 0.9, 1e-9, (), True, True),
+    ("unexplained", 0.9, 1e-9, (), False, False), ("unexplained", 1.1, 1e-9, (), True, False),
+    ("explained", 0.9, 1e-9, (), True, False), ("explained", 0.9, 0.1, (), True, True),
+    ("explained", 0.9, 1e-9, ("drag.k",), True, True), ("explained", 0.9, 1e-9, ("mass",), True, False),
+    ("explained", 1.1, 0.1, ("drag.k",), True, False), ("explained", 0.9, 0.1, (), False, False),
+    ("nothing-missing", 0.9, 0.1, (), True, False),
+])
+def test_few_records_do_not_tell_physics_from_the_bench(monkeypatch, verdict, times, smooth, loose, few, expected):
+    """A misfit no larger than a bench makes stays open where nothing shows whether it repeats: if any is left, if only
+    the settings showed it, or if the records do not fix the effect that removes it."""
+    selection = SimpleNamespace(settings=DEFAULT, family=SimpleNamespace(free_running=False),
+                                records=SimpleNamespace(are_values=False), reduce_chi2=lambda solution: solution,
+                                measure_repeats=lambda solution: None if few else 0.5)
+    steps = [SimpleNamespace(fitted=SimpleNamespace(solution=times * DEFAULT.far, effects=effects),
+                             lack=SimpleNamespace(smooth_p_value=smooth)) for effects in ((), ("drag",))]
+    monkeypatch.setattr("ddetumble.selection.discover.list_loose", lambda *_: loose)
+    assert _is_unrepeated(selection, steps, verdict) is expected
 
 
 @pytest.mark.parametrize(("verdict", "kind", "wander", "expected"), [

@@ -35,6 +35,10 @@ class SettingBias:
     scatter: Mapping[str, float] = dc.field(default_factory=dict)  # of settings about it over what is stated, by name
     alike: tuple["SettingBias", ...] = ()  # errors of other settings that do as well, where this one is allowed for
 
+    def is_beyond(self, standard_errors: float) -> bool:
+        """Whether the error is more than so many of its standard errors: one that may be none explains nothing."""
+        return abs(self.bias) > standard_errors * self.sd
+
 
 def fit_biases(selection: SelectionProblem, fitted: Fitted, rival: Fitted) -> list[SettingBias]:
     """Every setting that states an uncertainty, biased by itself beside the model `fitted`; the best rival first.
@@ -93,7 +97,8 @@ def stand_in(selection: SelectionProblem, models: Sequence[Fitted]) -> tuple[lis
     """
     last, found = models[-1], []
     for fitted in models[:-1]:
-        found.append([one for one in fit_biases(selection, fitted, last) if not one.rejected
+        found.append([one for one in fit_biases(selection, fitted, last)
+                      if not one.rejected and one.is_beyond(selection.settings.standard_errors)
                       and not selection.settings.is_beaten(one.difference, one.standard_error)])
     return found[0], [one for later in found[1:] for one in later]
 
@@ -106,8 +111,7 @@ def find_bias(selection: SelectionProblem, fitted: Fitted) -> SettingBias | None
     """
     begins = (dict(selection.spread), selection.estimate_spread(fitted))
     best = next(filter(None, (_settle_bias(selection, fitted, spread) for spread in begins)), None)
-    sure = best is not None and abs(best.bias) > selection.settings.standard_errors * best.sd
-    return best if sure else None
+    return best if best is not None and best.is_beyond(selection.settings.standard_errors) else None
 
 
 def _settle_bias(selection: SelectionProblem, fitted: Fitted, spread: Mapping[str, float]) -> SettingBias | None:

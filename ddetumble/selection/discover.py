@@ -135,7 +135,7 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     rivals = [last.tried.refined[e] for e, _, _ in last.alternatives] if last.tried is not None else []
     made = (tuple(partial(make_fit, selection, step.fitted, name, verdict) for step in steps),
             tuple(partial(make_fit, selection, rival, name, verdict) for rival in rivals))
-    unsure = (questions or end.irregular or end.rounding is not None
+    unsure = (questions or end.irregular or end.unrepeated or end.rounding is not None
               or any(fault.kind == "doubtful" for fault in state.faults))
     sufficient = [] if unsure else [c.effect for c in candidates if c.explains > settings.largest_part]
     dropped, unproven = list_added(end.dropped) if end.dropped else (), (path, end.dropped or steps, end.biases)
@@ -152,7 +152,8 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
             "conditions": count_conditions(campaign.records), "seconds": round(time.perf_counter() - began, 2)},
         faults=state.faults, doubts=doubts, references=tuple(
             _describe_reference(n, kind.models[n].text, *one, selection.noise) for n, one in reached.items()),
-        spread=describe_spread(selection), irregular=end.irregular, biases=tuple(end.biases), shared_error=shared,
+        spread=describe_spread(selection), irregular=end.irregular, unrepeated=end.unrepeated,
+        biases=tuple(end.biases), shared_error=shared,
         rounding=end.rounding, dropped=dropped, explanations=explanations,
         missing=end.missing if isinstance(end.missing, MissingForce) and not end.irregular else None,
         made=(*made, makers))
@@ -243,13 +244,15 @@ def _allow_bias(path: Path, begin: Begin, state: Cleaned, report: Progress) -> A
         return Allowed(path, None)
     solution, name = last.fitted.solution, f"{seen.name}_shift"
     place = solution.names.index(name)
-    tied = not before.lack.rejected and not settings.is_beaten(-seen.difference, seen.standard_error)
-    return Allowed(found, dc.replace(
+    error = dc.replace(
         seen, bias=-float(solution.u[found.selection.space.index[name]]), merit=last.fitted.merit,
         sd=float(np.sqrt(max(solution.covariance()[place, place], 0.0))),
         # Effects that left a misfit were not compared with it.
-        effects=() if before.lack.rejected else tuple(e for e in before.fitted.effects if e not in last.fitted.effects)
-    ), path if tied else None)
+        effects=() if before.lack.rejected else tuple(e for e in before.fitted.effects if e not in last.fitted.effects))
+    if not error.is_beyond(settings.standard_errors):
+        return Allowed(found, None)  # allowed for, and none that anybody should be told of
+    tied = not before.lack.rejected and not settings.is_beaten(-seen.difference, seen.standard_error)
+    return Allowed(found, error, path if tied else None)
 
 
 def _draw_force(path: Path, reference: Fitted, beside: Fitted, report: Progress) -> MissingForce | str:
@@ -279,6 +282,7 @@ class Conclusion:
     missing: MissingForce | str | None  # or why it was not drawn
     unphysical: tuple[Sequence[str], Sequence[Unphysical]] | None  # effects that need values beyond what physics allows
     irregular: bool = False  # whether what is left may be noise or settings that are not as stated
+    unrepeated: bool = False  # the same of all of the misfit, as so few records do not show whether it repeats
     rounding: Rounding | None = None
     biases: Sequence[SettingBias] = ()
     dropped: Sequence[FittedStep] = ()  # the search whose effects gave way to what is open, with the first step
@@ -321,7 +325,30 @@ def _conclude(path: Path, questions: bool, report: Progress) -> Conclusion:
             biases += partly
     if path.ambiguous and verdict == "nothing-missing":
         verdict, irregular = "undecided", True
+    if _is_unrepeated(selection, steps, verdict):
+        return Conclusion("undecided", steps[:1], [], None, unphysical, unrepeated=True,
+                          dropped=steps if len(steps) > 1 else ())
     return Conclusion(verdict, steps, where, missing, unphysical, irregular, biases=biases, dropped=dropped)
+
+
+def _is_unrepeated(selection: SelectionProblem, steps: Sequence[FittedStep], verdict: str) -> bool:
+    """Whether a misfit may be noise or settings that are not as stated, as so few records do not show if it repeats.
+
+    It may where effects leave some of it and all of it is no larger than such causes make it. Where they leave none, it
+    may if the settings alone showed it, whose scatter so few records do not tell either, or if the records do not even
+    fix a parameter of the effects, which then adapt to whatever is there.
+    """
+    if (selection.family.free_running or selection.records.are_values
+            or selection.measure_repeats(steps[-1].fitted.solution) is not None):
+        return False
+    limits, reference, last = selection.settings, steps[0], steps[-1].fitted
+    if selection.reduce_chi2(reference.fitted.solution) > limits.far:
+        return False
+    if verdict in OPEN:
+        return True
+    return verdict == "explained" and (
+        reference.lack.smooth_p_value > limits.level_each
+        or any(name.split(".")[0] in last.effects for name in list_loose(selection, last.solution)))
 
 
 def _doubt_record(end: Conclusion, state: Cleaned, wander: bool) -> Conclusion:
@@ -331,9 +358,9 @@ def _doubt_record(end: Conclusion, state: Cleaned, wander: bool) -> Conclusion:
     they may hide an effect.
     """
     unsure = (*OPEN, "nothing-missing") if wander else OPEN
-    if end.verdict in unsure and any(fault.kind == "doubtful" for fault in state.faults):
+    if (end.verdict in unsure or end.unrepeated) and any(fault.kind == "doubtful" for fault in state.faults):
         return dc.replace(end, verdict="undecided", steps=end.steps[:1], where=[], missing=None, biases=(),
-                          irregular=False, dropped=())
+                          irregular=False, unrepeated=False, dropped=())
     return end
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from .._display import AbstractPrinted
 from .._errors import InputError
+from ..families import find_family
 from ..inference.archive import FILE, AbstractFitted, FittedModel, save_model
 from ..inference.files import list_fields, list_versions, make_plain, write_json
 from ..inference.findings import AbstractRivals, Fit
@@ -16,6 +17,7 @@ from ..measurement.quantities import clean
 from .bias import SettingBias
 from .confidence import Confidence, find_confidence, list_allowances
 from .explanations import Added, Explanation, Makers
+from .lack_of_fit import FEWEST
 from .result import (
     EXPLANATIONS,
     OPEN,
@@ -68,6 +70,8 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
             conditions that are left out, and nothing of it repeats over the records. If the verdict is `undecided`,
             that could not be judged, it outweighs what effects remove, or baselines that wander fit as well as a force
             might.
+        unrepeated: whether the verdict is `undecided` as so few records do not show if the misfit repeats over them: it
+            may be noise or settings that are not as stated.
         missing: the missing force itself, for the verdicts `improved` and `unexplained`.
         made: what makes the fits: of every step, of the rivals of the last one, and of the explanations.
     """
@@ -99,6 +103,7 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
     dropped: Added = ()
     explanations: tuple[Explanation, ...] = ()
     irregular: bool = False
+    unrepeated: bool = False
     missing: MissingForce | None = None
     made: tuple[Makers, Makers, Makers] = dc.field(default=((), (), ()), repr=False, compare=False)
 
@@ -125,10 +130,13 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
 
     @property
     def confidence(self) -> Confidence | None:
-        """How often such verdicts were right in the sealed exam; None where that is not known, as it is of values."""
-        if self.counts and self.counts["samples"] == self.counts["records"]:
-            return None
-        return find_confidence(self.family, self.verdict, bool(self.allowances))
+        """How often such verdicts were right in the sealed exam; None where that is not known: of values, and of so few
+        records that the exam hides nothing in them."""
+        found = find_confidence(self.family, self.verdict, bool(self.allowances))
+        if found is None or not self.counts:
+            return found
+        few = self.counts["records"] < FEWEST and not find_family(self.family).free_running
+        return None if few or self.counts["samples"] == self.counts["records"] else found
 
     @property
     def best(self) -> Fit:

@@ -14,6 +14,7 @@ from ..measurement.units import format_time
 from .bias import SettingBias
 from .discovery import Discovery
 from .forward_selection import Unphysical
+from .lack_of_fit import FEWEST
 from .missing.missing_force import summarise_missing
 from .result import OPEN, Candidate, SettingShift, SettingSpread, Step, Trace
 from .series import measure_ratio, relies_on_settings
@@ -179,7 +180,8 @@ def _rests_on_record(found: Discovery) -> bool:
     """Whether a verdict is undecided because of one record that may be faulty, and for no other reason."""
     wanders = any(one.get("slow_sd") for one in found.noise.values())
     return (found.verdict == "undecided" and (found.steps[0].lack_of_fit.rejected or wanders) and not found.biases
-            and found.rounding is None and not found.irregular and bool(_list_doubtful(found)))
+            and found.rounding is None and not found.irregular and not found.unrepeated
+            and bool(_list_doubtful(found)))
 
 
 def name_reason(found: Discovery, units: bool) -> str:
@@ -189,7 +191,8 @@ def name_reason(found: Discovery, units: bool) -> str:
         return ""
     reasons = (("unit", units and bool(found.doubts)), ("setting", bool(found.biases)),
                ("record", _rests_on_record(found)), ("rounding", found.rounding is not None),
-               ("noise", found.irregular), ("conditions", found.steps[0].lack_of_fit.rejected), ("records", True))
+               ("noise", found.irregular or found.unrepeated),
+               ("conditions", found.steps[0].lack_of_fit.rejected), ("records", True))
     return next(name for name, holds in reasons if holds)
 
 
@@ -266,6 +269,9 @@ def _tell_verdict(found: Discovery, family: Family, folds: str) -> Sentence:
         return say("verdict.rounding", model=model, before=before, p=p, effects=list(found.rounding.effects),
                    choices=[(added, list(others)) for added, others in found.dropped],
                    channels=list(found.rounding.digits))
+    if found.verdict == "undecided" and found.unrepeated:
+        return say("verdict.unrepeated", model=model, records=records, needed=FEWEST, before=before, p=p,
+                   choices=[(added, list(others)) for added, others in found.dropped])
     if found.verdict == "undecided" and found.irregular:
         if found.dropped:
             return say("verdict.outweighed", model=model, before=before, p=p, folds=family.folds,
