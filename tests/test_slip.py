@@ -10,6 +10,7 @@ import pytest
 from ddetumble import InputError, compare, discover, find_data, fit, predict, read_campaign, write_campaign
 from ddetumble.cli import main
 from ddetumble.contact.sliding import RubberFriction
+from ddetumble.effects import AdhesiveOffset
 from ddetumble.exam.simulators.campaigns import write_package
 from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign
 from ddetumble.selection.forward_selection import list_starts
@@ -304,3 +305,11 @@ def test_bad_input(tmp_path):
     (tmp_path / "copy" / "datapackage.json").write_text(json.dumps(descriptor), encoding="utf-8")
     with pytest.raises(InputError, match="column internal_pressure"):
         discover(tmp_path / "copy")
+
+
+def test_an_effect_is_named_with_the_error_that_looks_like_it(tmp_path):
+    """A zero of the gauge that is off alike in all strokes one way is an adhesive offset to any test."""
+    folder = tmp_path / "zero"
+    write_package(folder, make_slip_campaign("zero", 31, {"adhesive-offset": {"f_a": 0.3}}, BASE, *PLAN))
+    found = discover(folder)
+    assert found.effects == ("adhesive-offset",) and AdhesiveOffset.lookalike in found.sentence

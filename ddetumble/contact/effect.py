@@ -219,6 +219,8 @@ class AbstractEffect(Shown):
             start from the strongest line in the residuals too, as a frequency is found from nearby only.
         costly: whether it slows every evaluation down by being there, even at its null: programs of fits that do not
             move it leave it out.
+        lookalike: an error of the bench, in words, that records of its family may not tell from it, if any; a verdict
+            that names the effect names that too.
     """
 
     id: AbstractClassVar[str]
@@ -229,6 +231,7 @@ class AbstractEffect(Shown):
     family: ClassVar[str] = "impact"
     line: ClassVar[str | None] = None
     costly: ClassVar[bool] = False
+    lookalike: ClassVar[str] = ""
 
 
 class AbstractModel(Shown):

@@ -108,6 +108,8 @@ class AdhesiveOffset(AbstractFrictionForce):
     id: ClassVar[str] = "adhesive-offset"
     law: ClassVar[str] = "f gains f_a, independent of load"
     reference: ClassVar[str] = "Derjaguin 1934; Roberts & Thomas 1975, Wear 33, 45"
+    lookalike: ClassVar[str] = (
+        "a zero of the friction force's gauge that is off alike in all records, unless the ball slides both ways")
 
     def force(self, slide: Slide) -> Scalar:
         """f_a [N]."""
