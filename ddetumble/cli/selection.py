@@ -64,8 +64,7 @@ def _list_further(result: "Comparison | Comparisons", campaign: str, model: str,
     from ..selection.settings import DEFAULT
 
     family = find_family(name_family(measured))
-    if not isinstance(result, Comparison) or not result.lack_of_fit.rejected or (
-            set(measured.channels) <= set(family.values)):  # which discover does not take
+    if not isinstance(result, Comparison) or not result.lack_of_fit.rejected:
         return []
     chosen = ["-m", model] if model != "paper" else []
     found = [f"What is missing: ddetumble discover {shlex.join([campaign, *chosen])}"]
