@@ -109,7 +109,8 @@ class AdhesiveOffset(AbstractFrictionForce):
     law: ClassVar[str] = "f gains f_a, independent of load"
     reference: ClassVar[str] = "Derjaguin 1934; Roberts & Thomas 1975, Wear 33, 45"
     lookalike: ClassVar[str] = (
-        "a zero of the friction force's gauge that is off alike in all records, unless the ball slides both ways")
+        "a zero of the friction force's gauge that is off alike in all records, unless the ball slides both ways or "
+        "the gauge was read unloaded")
 
     def force(self, slide: Slide) -> Scalar:
         """f_a [N]."""

@@ -456,7 +456,8 @@ class Problem(AbstractProblem):
         u[columns] = np.clip(u[columns] + scales * theta, self.limits[0][columns], self.limits[1][columns])
         prior = (theta - mean[: len(free)]) * weight[: len(free)]
         failed = tuple(k for k, bad in zip(self.records.keys, found.failed, strict=True) if bad)
-        chi2 = float(np.sum(found.residual**2) + np.sum(z_new**2) + np.sum(prior**2))
+        with np.errstate(over="ignore"):  # of a fit that went astray it may be infinite
+            chi2 = float(np.sum(found.residual**2) + np.sum(z_new**2) + np.sum(prior**2))
         return Solution(
             tuple(free), u, z_new, scales, found.residual, found.shared[:, :, : len(free)], found.own, found.channels,
             found.state, found.state_rate, found.end, prior, weight[: len(free)], chi2, bool(converged) and not failed,

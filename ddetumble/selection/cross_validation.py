@@ -102,7 +102,8 @@ def predict_left_out(problem: Problem, solution: Solution, groups: np.ndarray, s
     coverage, seen = inside / counted if counted else float("nan"), ~early[:, :samples]
     try:
         at = problem.solve(solution.names, u, z, moving=False)
-        exact = np.sum(at.residual**2, axis=1) + np.sum(z**2, axis=1)
+        with np.errstate(over="ignore"):  # of a step that leads astray it may be infinite
+            exact = np.sum(at.residual**2, axis=1) + np.sum(z**2, axis=1)
         bent = [out for out in (groups == g for g in np.unique(groups))
                 if exact[out].sum() > BENT * linear[out].sum()] if solution.names and not free_running else []
         for out in bent:

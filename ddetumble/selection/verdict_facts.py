@@ -128,8 +128,7 @@ def tell_discovery(found: Discovery, family: Family, left_out: Sequence[str], un
         if sensors:
             parts.append(say("verdict.gauge", effects=sorted(sensors)))
         for effect in family.catalogue:
-            # Of another family's effects its records may show more: those of an impact begin before the touch.
-            if effect.lookalike and effect.family == family.name and effect.id in found.effects:
+            if effect.lookalike and effect.id in found.effects:
                 parts.append(say("verdict.lookalike", effect=effect.id, error=effect.lookalike))
         if found.biases and found.effects:
             for effects in dict.fromkeys(one.effects for one in found.biases):
