@@ -136,7 +136,7 @@ class ToyProblem(Problem):
         return np.stack([np.concatenate([whitening_matrix(self.weights[r, c], self.taps[r, c]) @ x[r, c]
                                          for c in range(x.shape[1])]) for r in range(len(x))])
 
-    def solve(self, free, start, z=None, *, moving=True, tolerance=1e-7, max_steps=30):
+    def solve(self, free, start, z=None, *, moving=True, tolerance=1e-7, max_steps=None):
         """As `Problem.solve`."""
         free, count = tuple(free), self.records.count
         places = [self.space.index[name] for name in free]
@@ -159,7 +159,7 @@ class ToyProblem(Problem):
 
         channels, residual, prior, chi2 = look(u, z)
         converged, steps = False, 0
-        while steps < (max_steps if moving else 1):
+        while steps < ((30 if max_steps is None else max_steps) if moving else 1):
             steps += 1
             shared = np.zeros((*residual.shape, len(free)))
             own = np.zeros((*residual.shape, z.shape[1]))
