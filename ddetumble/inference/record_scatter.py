@@ -17,7 +17,7 @@ import numpy as np
 from ..families import find_family
 from ..measurement.quantities import format_number
 from . import distributions as stats
-from .goodness import FAR, doubt_level
+from .goodness import doubt_level
 from .noise import Noise
 from .problem import Problem, Solution
 from .smooth import measure_smooth, smooth_bases
@@ -69,16 +69,13 @@ def widen_by_scatter(problem: Problem, solution: Solution, noise: Mapping[str, N
 
     They are those of the scatter of records, with Student's t for the few that there are, and never below 1. They are
     always given where the scatter of settings was `estimated` from the same records. None are given where the noise is
-    taken as stated, where the model misses more than noise explains (what repeats over the records is no scatter), and
-    where records are too few.
+    taken as stated, and where records are too few. Where a force is missing from the model they say how far its best
+    parameters stray, not how far these lie from those of the model that has it.
     """
     records = problem.records
     free, count = len(solution.names), records.count
     if (not free or records.are_values or find_family(records.family).free_running or solution.failed
             or count < max(settings.fewest, free + 2) or not doubt_level(noise)):
-        return {}
-    used = float(np.sum(np.asarray(records.stack.weights)[:count] > 0))
-    if solution.chi2 > FAR * max(used - free, 1.0):
         return {}
     if not estimated:
         total, degrees = measure_smooth(problem, solution, smooth_bases(problem, solution.end))
