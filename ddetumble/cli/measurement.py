@@ -25,6 +25,7 @@ Text = str | None
     'import stroke*.csv --family slip --conditions settings.csv --uncertainty "force=0.04 N" -o friction',
     'import a.csv --family slip --load "20 N" --pressure "8 bar" --speed "50 mm/s" --slip "Weg [mm]" -o out',
     "import bench.xlsx --sheet 'shot*' --conditions bench.xlsx:settings -o campaign",
+    'import rebounds.csv --values --uncertainty "rebound_speed=1 %" -o campaign',
     "import run1.tdms --list", "import import.toml -o campaign", "import import.toml --dry-run --figure check.png")
 def import_files(
     raw: Annotated[list[Path], typer.Argument(metavar="RAW", help=(
@@ -86,6 +87,9 @@ def import_files(
                              "repeated.")] = None,
     describe: Annotated[Texts, option(
         "NAME=TEXT", "What to write down about a channel: its filter, where its gauge is; may be repeated.")] = None,
+    values: Annotated[bool, typer.Option("--values", help=(
+        "The file is a table with one row a test: its conditions and single values, such as peak force, rebound speed, "
+        "contact time, impulse or peak depression."))] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be made; nothing is written but "
                                                             "--figure.")] = False,
     figure: Annotated[Path | None, option("FILE.png", "Draw the records as imported.")] = None,
@@ -120,6 +124,8 @@ def import_files(
     from ..measurement.package import write_campaign
 
     check_file(figure, overwrite)
+    if values and figure is not None:
+        raise InputError("single values have no records to draw; leave out this option, or --values", option="--figure")
     place = None if dry_run else output
     with open_optional(place, "import", overwrite) as out, TemporaryDirectory() as spare, show_progress("reading"):
         campaign = import_tests(raw, **given | {"units": unit, "family": family or DEFAULT_KIND})

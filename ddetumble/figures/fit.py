@@ -9,6 +9,7 @@ import pandas as pd
 from matplotlib.ticker import MaxNLocator
 from scipy.interpolate import CubicSpline
 
+from .._errors import InputError
 from ..measurement.campaign import Campaign
 from ..measurement.quantities import Quantity, clean, describe_conditions, describe_quantity, shorten_names, vary
 from ..measurement.units import si_unit
@@ -393,7 +394,7 @@ def draw_records(campaign: Campaign):
     """Every channel of the first records over the independent variable; a line marks nought, where contact begins."""
     samples, along = campaign.samples, campaign.independent
     if samples is None or along is None:
-        raise ValueError("the campaign has no samples")
+        raise InputError(f"campaign {campaign.name} contains only single values, and no records to draw")
     x, keys = describe_quantity(along.name, samples[along.name].to_numpy(), along.unit), campaign.record_keys
     figure = new_figure(0.6 + 2.0 * len(campaign.channels))
     panels = figure.subplots(len(campaign.channels), 1, sharex=True, squeeze=False)[:, 0]

@@ -30,7 +30,7 @@ _POSITIVE = {
     "real_contact_pressure", "elastic_modulus", "composite_modulus", "pad_thickness",
 }  # fmt: skip
 _NOT_NEGATIVE = {"initial_pressure", "internal_pressure", "restitution", "temperature"}
-_COUNTS = {"sequence", "repeats"}
+COUNTS = ("sequence", "repeats")  # whole numbers, without a unit
 
 
 class Rows(NamedTuple):
@@ -108,7 +108,7 @@ def check_values(name: str, values: np.ndarray, rows, resource: str, uncertainty
         refuse_rows(bad, rows, column, lambda i: f"{what}; it is {values[i]:g} {si_unit(name)} in SI units{hint}")
 
     refuse_large(values, rows, column)
-    if name in _COUNTS:
+    if name in COUNTS:
         refuse((values < 1) | (values != np.round(values)), "must be a whole number from 1 upwards")
     elif resource != "samples" and name in _POSITIVE:
         refuse(values <= 0, "must be positive")

@@ -4,16 +4,27 @@ import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from .._errors import InputError
+from .._errors import InputError, error_place
 from .checks import GAUGE, Rows, check_values
 from .kinds import KINDS, RecordKind
 from .layout import RawFile, split_heading
 from .quantities import join_words
 from .recordings import Recording
-from .units import Unit, check_unit, is_gauge, list_usual, parse_unit, si_unit, strip_gauge
+from .units import (
+    Uncertainty,
+    Unit,
+    check_unit,
+    is_gauge,
+    list_usual,
+    parse_uncertainty,
+    parse_unit,
+    si_unit,
+    strip_gauge,
+)
 
 
 FRICTION_TEST = "if it is a friction test, give --family " + next(kind.name for kind in KINDS.values() if kind.path)
@@ -59,6 +70,13 @@ def guess_condition(heading: str, kind: RecordKind) -> str | None:
     return (kind.pressure or None) if role == "pressure" else role
 
 
+def guess_value(heading: str, kind: RecordKind) -> str | None:
+    """The single value of a test, or the number of tests that it is the mean of, that a heading names, or None."""
+    word = _find_word(heading)
+    return next((name for name, words in {**kind.value_words, "repeats": "repeats"}.items()
+                 if word in words.split() or word == name.replace("_", "")), None)
+
+
 def list_headings(name: str, kind: RecordKind) -> list[str]:
     """Headings, without spaces, signs and units, by which `guess_condition` knows a quantity, but for its own name."""
     words = {**_COMMON, **kind.words}
@@ -101,6 +119,26 @@ def read_pairs(option: str, given) -> dict[str, str]:
             raise InputError(f"--{option} gives {name!r} twice")
         pairs[name] = value
     return pairs
+
+
+def read_stated(kind: RecordKind, options: Mapping[str, Any], units: Mapping[str, str]
+                ) -> tuple[dict[str, Uncertainty], ...]:
+    """Uncertainties that options state, of each by quantity; `units` are those of what the campaign has."""
+    found = []
+    for option, texts in options.items():
+        pairs = {expand_role(name, kind): text for name, text in read_pairs(option, texts).items()}
+        if "pressure" in pairs and "pressure" not in units and kind.pressure:  # no channel is meant
+            pairs = {kind.pressure: pairs.pop("pressure")} | pairs
+        if "angular_velocity" in pairs and kind.rates:  # of all three axes
+            pairs = dict.fromkeys(kind.rates, pairs.pop("angular_velocity")) | pairs
+        left = [name for name in pairs if name not in units]
+        if left:
+            raise InputError(f"--{option} names {', '.join(left)}, which the campaign does not have; it has "
+                             f"{', '.join(units)}")
+        with error_place(option=f"--{option}"):
+            found.append({name: parse_uncertainty(text, check_unit(units[name], name), name)
+                          for name, text in pairs.items()})
+    return tuple(found)
 
 
 @dataclass
@@ -287,6 +325,8 @@ def _choose_by_unit(raw: RawFile, role: str, taken: Collection[str], option: str
     elif role in ("time", "normal_force") and any(
             kind.path and guess_role(column, kind) == kind.path for kind in KINDS.values() for column in raw.columns):
         hint = f", or, {FRICTION_TEST}"
+    if role == "time" and any(guess_value(split_heading(column)[0], plan.kind) for column in raw.columns):
+        hint += "; if it is a table with one row a test and single values, give --values"
     problem = f"it is unclear which column is the {role}"
     if role == "time" and not found:
         clock = "no channel has a clock (in TDMS its wf_increment), and " if isinstance(raw, Recording) else ""

@@ -2,9 +2,14 @@
 
 import re
 import unicodedata
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from .._errors import InputError, error_place
+from .checks import COUNTS, Rows, check_keys
 from .columns import (
     Plan,
     ask_unit,
@@ -20,7 +25,16 @@ from .layout import RawFile, split_heading
 from .quantities import join_words
 from .recordings import read_files, split_sheet
 from .tables import Table, convert_column, read_texts
-from .units import ROLES, check_unit, list_usual, parse_unit
+from .units import (
+    ROLES,
+    check_unit,
+    find_unit_text,
+    list_usual,
+    parse_quantity,
+    parse_unit,
+    si_unit,
+    strip_gauge,
+)
 
 
 LINKS = {"file": ("file", "filename", "datei", "fichier"), "record": ("record",)}  # headings of the test of a row
@@ -46,6 +60,18 @@ def read_conditions(plan: Plan, table: RawFile, records: dict[str, str]) -> None
     """
     with error_place(sheet=table.sheet):
         _add_columns(plan, table, Path(table.file), records)
+
+
+def list_tests(plan: Plan, table: RawFile) -> list[str]:
+    """What a table with one row a test calls the tests, in its order."""
+    links = _find_links(plan, table)
+    column = links.get("record") or links["file"]
+    keys = [cell.strip() for cell in read_texts(table, column)]
+    for row, key in enumerate(keys):
+        if key and key in keys[:row]:
+            raise _repeat_row(table, key, keys.index(key), row)
+    check_keys(keys, Rows(table.file, np.asarray(table.lines)), column)
+    return keys
 
 
 def _find_links(plan: Plan, table: RawFile) -> dict[str, str]:
@@ -103,7 +129,7 @@ def _add_columns(plan: Plan, table: RawFile, path: Path, records: dict[str, str]
             raise InputError(f"the headings {given[name]!r} and {column!r} both mean {name}; leave out one of the "
                              "columns", file=table.file, column=column)
         given[name] = column
-        unit = unit or ("1" if name == "sequence" else None)
+        unit = unit or ("1" if name in COUNTS else None)
         asked = "time" if name == "onset" else name
         if unit is None:
             order = "; if it numbers the tests in the order in which they were made, name it sequence"
@@ -158,6 +184,53 @@ def read_names(plan: Plan, pattern: str, records: dict[str, str]) -> None:
         plan.add(name, values, unit.si, "--name-pattern", {key: {"file": file} for key, file in records.items()})
         plan.note_unit(name, unit.text)
     plan.notes.append(f"The file names gave {', '.join(f'{name} in {unit.text}' for name, unit in units.items())}.")
+
+
+def add_constants(plan: Plan, options: Mapping[str, tuple[Any, str]], keys: Iterable[str]) -> None:
+    """Add conditions that are the same in all tests, given with an option: by its name, the text and the condition."""
+    for option, (given, name) in options.items():
+        if given is None:
+            continue
+        with error_place(option=f"--{option}"):
+            plain = strip_gauge(find_unit_text(given)) if name == plan.kind.pressure else None
+            if plain is not None:
+                raise InputError(f"{given!r} is a gauge pressure; write it in {plain}, and give --gauge and "
+                                 "--ambient '101.3 kPa'")
+            value = parse_quantity(given, name)
+        plan.add(name, dict.fromkeys(keys, value), si_unit(name), f"--{option}")
+        plan.note_unit(name, find_unit_text(given))
+        plan.notes.append(f"{name} is {value:g} {si_unit(name)} for all records, as given with --{option}.")
+
+
+def refuse_unused(plan: Plan) -> None:
+    """Refuse --unit of what no column that is imported is."""
+    unknown = [name for name in plan.units if name not in plan.used]
+    if unknown:
+        raise InputError(f"no column that is imported is {' or '.join(unknown)}; there are "
+                         f"{', '.join(name for name in plan.headings if name != 'record')}", option="--unit")
+
+
+def require_needs(plan: Plan, tests: int, path) -> None:
+    """Refuse so many tests where a condition that their kind needs was found nowhere; `path` is that of the table."""
+    for name in plan.kind.needs:
+        if name in plan.conditions:
+            continue
+        usual = f"--conditions FILE.csv with a column {name}", name
+        option, heading = plan.kind.options.get(name, usual)
+        alone = f", or give {option}" + " if it is the same in all tests" * (tests > 1)
+        where = f"; give {option}, --conditions FILE.csv or --name-pattern" if plan.table is None else (
+            f": the table has {list_columns(plan.table)}; name the column with --keep '{name}=COLUMN', add one "
+            f"like {heading!r}{alone}")
+        raise InputError(f"{name} is not known{where}", file=path)
+
+
+def note_exact(plan: Plan, stated: Collection[str]) -> None:
+    """Note which conditions state no uncertainty."""
+    exact = [name for name in plan.conditions if name not in stated and name != "sequence"]
+    if exact:
+        count, their = ("it counts", "its error") if len(exact) == 1 else ("they count", "their errors")
+        plan.notes.append(f"No uncertainty is stated for {', '.join(exact)}: {count} as exact, so {their} can look "
+                          f"like missing physics; give one, such as --uncertainty {exact[0]}='0.5 %'.")
 
 
 def _is_order(table: RawFile, column: str) -> bool:

@@ -50,6 +50,8 @@ class RecordKind:
         pressure, speed, load: Conditions that --pressure, --speed and --load mean; "" where there are none.
         averaged: Columns of the samples whose mean is a condition, where they change within a test.
         words: What laboratories call the columns, without spaces and signs, by quantity.
+        value_words: The same of single values of a test, such as its rebound speed, in a table with one row a test,
+            that of a force first; empty where such a table cannot be imported.
         unknown: Parameters of the reference model that are left to the fit.
         parameters: Of the reference models of such tests, which may be known, with their units; empty where the kind
             does not list them.
@@ -81,6 +83,7 @@ class RecordKind:
     has_contact: bool = False
     path: str = ""
     rates: tuple[str, ...] = ()
+    value_words: Mapping[str, str] = field(default_factory=dict)
     measure: Measure = lambda trace, settings: {}
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
@@ -180,6 +183,13 @@ IMPACT = RecordKind(
     options={"initial_pressure": ("--pressure '1.0 MPa'", "p [MPa]"),
              "approach_speed": ("--speed '0.4 m/s'", "v [m/s]")},
     has_contact=True,
+    value_words={
+        "peak_normal_force": "f fmax force peakforce maxforce maximumforce kraft maximalkraft spitzenkraft",
+        "rebound_speed": "v2 vr vout reboundspeed reboundvelocity exitspeed exitvelocity rückprallgeschwindigkeit",
+        "contact_time": "tc contacttime contactduration duration kontaktzeit kontaktdauer",
+        "impulse": "impulse impuls kraftstoß",
+        "peak_depression": "depression maxdepression maximumdepression depth maxdepth indentation eindrücktiefe",
+    },
     measure=measure_impact,
 )
 _RUBBER = ("tensile_strength", "real_contact_pressure", "elastic_modulus", "poisson_ratio")
@@ -218,6 +228,9 @@ SLIP = RecordKind(
     options={"internal_pressure": ("--pressure '1.0 MPa'", "p [MPa]"), "slip_speed": ("--speed '20 mm/s'", "v [mm/s]"),
              "normal_load": ("--load '20 N'", "Load [N]")},
     path="slip",
+    value_words={
+        "peak_friction_force": "f ft fx force friction frictionforce peakfriction peakforce maxfriction "
+        "maximumfriction reibkraft reibungskraft"},
     measure=measure_slip,
 )
 _RATES = ("angular_velocity_x", "angular_velocity_y", "angular_velocity_z")

@@ -23,12 +23,20 @@ from .columns import (
     expand_role,
     find_unit,
     guess_role,
-    list_columns,
     make_plan,
     read_pairs,
+    read_stated,
     require_units,
 )
-from .conditions import open_conditions, read_conditions, read_names
+from .conditions import (
+    add_constants,
+    note_exact,
+    open_conditions,
+    read_conditions,
+    read_names,
+    refuse_unused,
+    require_needs,
+)
 from .faults import find_truncated
 from .kinds import DEFAULT_KIND, RecordKind, find_kind, take_kind
 from .layout import RawFile, split_heading
@@ -39,16 +47,13 @@ from .tables import convert_column, read_texts, read_toml
 from .units import (
     ROLES,
     Uncertainty,
-    check_unit,
-    find_unit_text,
     parse_quantity,
-    parse_uncertainty,
     si_unit,
-    strip_gauge,
 )
+from .value_tables import import_values, refuse_options
 
 
-RAW, GAUGE = "raw", "gauge"
+RAW, SWITCHES = "raw", {"gauge", "values"}
 CLOCKS = ("time", "elapsed time", "time stamp", "t")  # names of a clock that is added: one that no column has
 SEVERAL = {"known", "keep", "drop", "units", "uncertainty", "common_uncertainty", "cut", "reverse", "zero", "describe"}
 
@@ -58,7 +63,7 @@ def import_tests(
     conditions=None, name_pattern=None, pressure=None, speed=None, load=None, gauge=None, ambient=None,
     force=None, time=None, rate=None, slip=None, record_column=None, keep=None, drop=None, units=None, decimal=None,
     delimiter=None, sheet=None, onset=None, symmetry_axis=None, uncertainty=None, common_uncertainty=None,
-    crop=None, cut=None, reverse=None, zero=None, describe=None,
+    crop=None, cut=None, reverse=None, zero=None, describe=None, values=False,
 ) -> Campaign:
     """Turn the raw files of a test bench into a campaign; what they do not show is asked for, never guessed.
 
@@ -102,6 +107,8 @@ def import_tests(
         reverse: Channels whose sign is reversed.
         zero: Window of the raw time over which a channel's mean is subtracted: {"force": "0 ms to 20 ms"}.
         describe: What to write down about a channel, such as its filter or where its gauge is: {"force": "TEXT"}.
+        values: True if the file is a table with one row a test, which holds its conditions and single values, such as
+            its rebound speed, instead of samples.
 
     Returns:
         The campaign, not yet written; `notes` holds every decision as a sentence.
@@ -149,6 +156,13 @@ def import_tests(
     elif kind.pressure:
         asked = "; if they are gauge pressures, give --gauge and --ambient" if gauge is None else ", as --absolute says"
         plan.notes.append(f"The pressures were taken as absolute{asked}.")
+    stated = {"uncertainty": uncertainty, "common-uncertainty": common_uncertainty}
+    if values:
+        refuse_options(conditions=conditions, name_pattern=name_pattern, force=force, time=time, rate=rate, slip=slip,
+                       onset=onset, symmetry_axis=symmetry_axis, crop=crop, cut=cut, reverse=reverse, zero=zero,
+                       describe=describe)
+        campaign = import_values(paths, plan, options, stated, sheet)
+        return replace(campaign, known=parameters, title=title or f"Imported {kind.name} tests")
     tests, (table, part) = [], (None, None) if conditions is None else split_sheet(conditions)
     if table is not None:
         _require_table(table)
@@ -179,21 +193,8 @@ def import_tests(
         read_conditions(plan, plan.table, files)
     if name_pattern is not None:
         read_names(plan, name_pattern, files)
-    unknown = [name for name in plan.units if name not in plan.used]
-    if unknown:
-        raise InputError(f"no column that is imported is {' or '.join(unknown)}; there are "
-                         f"{', '.join(name for name in plan.headings if name != 'record')}", option="--unit")
-    for option, (given, name) in options.items():
-        if given is not None:
-            with error_place(option=f"--{option}"):
-                plain = strip_gauge(find_unit_text(given)) if name == kind.pressure else None
-                if plain is not None:
-                    raise InputError(f"{given!r} is a gauge pressure; write it in {plain}, and give --gauge and "
-                                     "--ambient '101.3 kPa'")
-                value = parse_quantity(given, name)
-            plan.add(name, dict.fromkeys(files, value), si_unit(name), f"--{option}")
-            plan.note_unit(name, find_unit_text(given))
-            plan.notes.append(f"{name} is {value:g} {si_unit(name)} for all records, as given with --{option}.")
+    refuse_unused(plan)
+    add_constants(plan, options, files)
     for name, found in means.items():
         if name not in plan.conditions:
             plan.add(name, found, si_unit(name), "its column over the tests")
@@ -211,15 +212,7 @@ def import_tests(
     for test in tests:
         if "pressure" in test.values and plan.ambient is not None:
             test.values["pressure"] = test.values["pressure"] + plan.ambient
-    for name in kind.needs:
-        if name not in plan.conditions:
-            usual = f"--conditions FILE.csv with a column {name}", name
-            option, heading = kind.options.get(name, usual)
-            alone = f", or give {option}" + " if it is the same in all tests" * (len(tests) > 1)
-            where = f"; give {option}, --conditions FILE.csv or --name-pattern" if plan.table is None else (
-                f": the table has {list_columns(plan.table)}; name the column with --keep '{name}=COLUMN', add one "
-                f"like {heading!r}{alone}")
-            raise InputError(f"{name} is not known{where}", file=conditions)
+    require_needs(plan, len(tests), conditions)
     descriptive, undescribed = kind.described
     if descriptive and not set(descriptive) & set(parameters):
         plan.notes.append(undescribed)
@@ -230,7 +223,6 @@ def import_tests(
         elif "rolling_mass" not in parameters:
             plan.notes.append("rolling_mass is not stated (two thirds of the mass of a thin hollow ball, 1e6 kg where "
                               "the ball cannot turn), so 0.5 kg is assumed; --known 'rolling_mass=0.4 kg' states it.")
-    stated = {"uncertainty": uncertainty, "common-uncertainty": common_uncertainty}
     texts = {expand_role(name, kind): text for name, text in read_pairs("describe", describe).items()}
     campaign = replace(_assemble(tests, plan, stated, noise, common, texts), known=parameters,
                        title=title or f"Imported {kind.name} tests")
@@ -269,14 +261,14 @@ def read_import_file(path, names: Collection[str]) -> dict[str, Any]:
 
 
 def _read_value(value: Any, key: str, path: Path) -> Any:
-    """A value as the option takes it: a text, texts by name or in a row, or whether pressures are gauge pressures."""
+    """A value as the option takes it: a text, texts by name or in a row, or whether something is so."""
     several = value if isinstance(value, list) else [*value.values()] if isinstance(value, dict) else None
     plain = all(isinstance(one, str | int | float) and not isinstance(one, bool) for one in several or [value])
-    if key == GAUGE and isinstance(value, bool):
+    if key in SWITCHES and isinstance(value, bool):
         return value
-    if key == GAUGE or not plain or several is not None and not (
+    if key in SWITCHES or not plain or several is not None and not (
             key in SEVERAL or key == RAW and isinstance(value, list)):
-        wanted = "true or false" if key == GAUGE else "a text" + ", or a list or table of texts" * (key in SEVERAL)
+        wanted = "true or false" if key in SWITCHES else "a text" + ", or a list or table of texts" * (key in SEVERAL)
         raise InputError(f"the value must be {wanted}", file=path, key=key)
     if isinstance(value, dict):
         return {name: str(one) for name, one in value.items()}
@@ -457,24 +449,10 @@ def _assemble(tests: list[RawTest], plan: Plan, options: dict, noise: dict[str, 
     channels, order = ([*(name for name in usual if name in there), *(name for name in there if name not in usual)]
                        for usual, there in ((kind.series, present), (kind.conditions, plan.conditions)))
     units = {name: plan.si[name] for name in (independent, *channels, *order)}
-    stated: dict[str, dict[str, Uncertainty]] = {}
-    for option, texts in options.items():
-        pairs = {expand_role(name, kind): text for name, text in read_pairs(option, texts).items()}
-        if "pressure" in pairs and "pressure" not in units and kind.pressure:  # no channel is meant
-            pairs = {kind.pressure: pairs.pop("pressure")} | pairs
-        if "angular_velocity" in pairs and kind.rates:  # of all three axes
-            pairs = dict.fromkeys(kind.rates, pairs.pop("angular_velocity")) | pairs
-        left = [name for name in pairs if name not in units]
-        if left:
-            raise InputError(f"--{option} names {', '.join(left)}, which the campaign does not have; it has "
-                             f"{', '.join(units)}")
-        with error_place(option=f"--{option}"):
-            stated[option] = {name: parse_uncertainty(text, check_unit(units[name], name), name)
-                              for name, text in pairs.items()}
+    own, shared = read_stated(kind, options, units)
     unknown = next((name for name in described if name not in units), None)
     if unknown is not None:
         raise InputError(f"there is no {unknown}; the campaign has {', '.join(units)}", option="--describe")
-    own, shared = stated.values()
     shared = {name: Uncertainty(float(f"{sd:.4g}")) for name, sd in common.items()} | shared
     for name in (independent, *channels):
         if name in own:
@@ -492,11 +470,7 @@ def _assemble(tests: list[RawTest], plan: Plan, options: dict, noise: dict[str, 
             example = f"--uncertainty {short}='{'0.005' if units[name] == 'rad/s' else '0.25'} {units[name]}'"
             how = "cannot be measured before contact" if kind.has_contact else "is not known"
             raise InputError(f"the uncertainty of {name} {how}; give {example}")
-    exact = [name for name in plan.conditions if name not in own and name != "sequence"]
-    if exact:
-        count, their = ("it counts", "its error") if len(exact) == 1 else ("they count", "their errors")
-        plan.notes.append(f"No uncertainty is stated for {', '.join(exact)}: {count} as exact, so {their} can look "
-                          f"like missing physics; give one, such as --uncertainty {exact[0]}='0.5 %'.")
+    note_exact(plan, own)
     for test in tests:
         for name in channels:
             if name in test.values:

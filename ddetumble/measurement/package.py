@@ -22,9 +22,6 @@ from .tables import convert_column, decode, parse_table, pick_column, read_bytes
 from .units import Unit, check_unit, parse_uncertainty, parse_unit, role_of, si_unit
 
 
-UNITLESS = ("sequence", "repeats")
-
-
 @dataclass
 class _Numbers:
     """A table with its numbers in SI."""
@@ -156,7 +153,7 @@ def _read_resource(resource: ResourceModel, descriptor: Path, known: dict, diges
             continue
         with error_place(column=column):
             about, offset = _describe_field(field, name, known, notes)
-        sparse = name != "records" and column not in ("time", *UNITLESS)
+        sparse = name != "records" and column not in ("time", *checks.COUNTS)
         values = convert_column(table, column, decimal=field.decimalChar, allow_missing=sparse,
                                 missing=frozenset(resource.table.missingValues))
         with np.errstate(over="ignore"):
@@ -172,7 +169,7 @@ def _describe_field(field: FieldModel, resource: str, known: dict, notes: list[s
     """What is known about a numeric column, and what has to be added to its numbers to make pressures absolute [Pa]."""
     name, offset = field.name, 0.0
     with error_place(f"resource {resource}: "):
-        if field.unit is None and name not in UNITLESS and role_of(name) != "pure number":
+        if field.unit is None and name not in checks.COUNTS and role_of(name) != "pure number":
             wanted = si_unit(name) if role_of(name) else "mm"
             raise InputError(f'the field has no unit; add it, such as "unit": "{wanted}" ("1" for a ratio)')
         unit = _read_unit(field)
@@ -269,7 +266,7 @@ def format_campaign(campaign: Campaign, folder: Path = Path()) -> dict[str, str]
     texts, resources = {}, []
     for name, (frame, columns) in parts.items():
         cells = {column: frame[column].to_numpy(dtype=float) for column in columns}
-        for column in set(UNITLESS) & set(columns):
+        for column in set(checks.COUNTS) & set(columns):
             cells[column] = np.array([int(x) if x.is_integer() else x for x in cells[column].tolist()], dtype=object)
         table = pd.DataFrame(cells, index=frame.index.map(str))
         texts[f"{name}.csv"] = table.to_csv(index_label="record", lineterminator="\n")
@@ -299,8 +296,8 @@ def format_campaign(campaign: Campaign, folder: Path = Path()) -> dict[str, str]
 
 def _describe(column: Column) -> dict:
     """A column's field in the descriptor."""
-    field: dict[str, Any] = {"name": column.name, "type": "integer" if column.name in UNITLESS else "number"}
-    if column.name not in UNITLESS:
+    field: dict[str, Any] = {"name": column.name, "type": "integer" if column.name in checks.COUNTS else "number"}
+    if column.name not in checks.COUNTS:
         field["unit"] = column.unit
         if column.stated:
             field["stated_unit"] = column.stated
