@@ -17,7 +17,7 @@ from ..inference.identifiability import assume_typical, describe_assumed, measur
 from ..inference.noise import Noise
 from ..inference.noise_estimation import differs_from_stated, has_more_hum, measure_noise
 from ..inference.parameters import ParameterSpace
-from ..inference.problem import Problem, Solution
+from ..inference.problem import STEPS, Problem, Solution
 from ..inference.progressive_horizon import is_lost, solve_progressively
 from ..inference.smooth import measure_smooth, smooth_bases
 from ..inference.stack import Records, stack_records, widen_settings
@@ -204,7 +204,8 @@ class SelectionProblem:
             ) -> Fitted | None:
         """Fit the reference model with `effects` from several starts and keep the best; None if none worked.
 
-        `screening` takes few steps, to thinned records where there are such; `thinned` takes these alone.
+        `screening` takes few steps, to thinned records where there are such; `thinned` takes these alone. Nor do others
+        follow a long valley to its end, as values have them: that is for `refine`, of what is left of many.
         """
         problem = self.thin if (screening or thinned) and self.thin is not None else self.problem
         freed = [n for n in self.freed if n.split(".")[0] in effects]
@@ -218,7 +219,7 @@ class SelectionProblem:
                 u[self.space.index[name]] = value
             try:
                 solution = solve(free, u, own, tolerance=1.0 if screening else tolerance,
-                                 max_steps=self.settings.screening_steps if screening else None)
+                                 max_steps=self.settings.screening_steps if screening else STEPS)
             except ComputationError:
                 continue
             if not solution.failed and np.isfinite(solution.chi2) and (best is None or solution.chi2 < best.chi2):
