@@ -18,11 +18,7 @@ from . import distributions as stats
 from .goodness import doubt_level
 from .noise import Noise
 from .problem import Problem, Solution
-from .record_scatter import SCATTER, ScatterSettings, tell_scatter, widen_by_scatter
-
-
-FAINT = 1e-12  # of squared lengths: what is below tells nothing of a combination of parameters
-MATERIAL = 1.02  # factor of an interval below which it is left as it is
+from .record_scatter import FAINT, SCATTER, ScatterSettings, tell_scatter, widen_by_scatter
 
 
 @dc.dataclass(frozen=True)
@@ -55,7 +51,7 @@ def widen_intervals(problem: Problem, solution: Solution, noise: Mapping[str, No
     scattered = widen_by_scatter(problem, solution, noise, estimated, settings)
     factors = {name: max(factor, scattered.get(name, 1.0))
                for name, factor in widen_by_level(problem, solution, noise).items()}
-    if not scattered and max(factors.values(), default=1.0) < MATERIAL:
+    if not scattered and max(factors.values(), default=1.0) < settings.material:
         factors = {}
     return Widening(factors, doubt_level(noise), bool(scattered), estimated)
 

@@ -34,6 +34,9 @@ class ScatterSettings:
     # Leverage of a record on a combination of parameters, beyond which what the fit took of it is not made up for: the
     # record alone determines it.
     leverage: float = 0.95
+    # Factor by which the error of the noise's level widens an interval, below which it is left as it is: two per cent
+    # of a standard deviation are within what fits agree to.
+    material: float = 1.02
 
 
 SCATTER = ScatterSettings()
