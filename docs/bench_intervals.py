@@ -84,7 +84,7 @@ def tell(rows: list[dict]) -> str:
         "- Of the noise as measured: the same intervals, as wide as they would be were the noise known to be that.",
         "- Benches of one family disturb the same campaigns, so that rows are not independent of one another.",
         "- Campaigns of tumbling have three to eight records, whose scatter tells too little: where a gyroscope's zero "
-        "wanders, `fit` does not see it, and `discover` looks for it.", "",
+        "wanders, `fit` takes its walk as part of the noise.", "",
         *head, line("all", rows), *(line(name, [r for r in rows if r["bench"] == name]) for name in benches), "",
         *head, *(line(f"{family}, {name} noise", [r for r in rows if r["family"] == family
                                                 and bool(r["noise"]["rho"]) == (name == "correlated")])

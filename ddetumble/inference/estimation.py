@@ -2,7 +2,7 @@
 
 import dataclasses as dc
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from ..measurement.campaign import Campaign
 from ..measurement.faults import STAYING, screen_samples
 from ..measurement.plausibility import check_numbers
 from ..measurement.quantities import format_number, join_words
+from . import distributions as stats
 from .archive import Model, resolve_model
 from .assembly import Assembly, assemble_space, default_starts
 from .bounded import Bounded, explain_share, list_limits, meets_data, solve_bounded
@@ -26,9 +27,10 @@ from .noise_estimation import differs_from_stated, has_more_hum, measure_noise
 from .parameters import ParameterSpace
 from .problem import Problem, Solution, count_steps
 from .progressive_horizon import MOST, is_lost, solve_progressively
+from .smooth import measure_smooth, smooth_bases
 from .specification import Prior, Specification, read_specification
 from .stack import hold_conditions, stack_records
-from .variance_components import list_settings
+from .variance_components import WANDER, WanderSettings, find_slow_noise, list_settings
 
 
 STARTS = 12  # tried at most
@@ -205,6 +207,9 @@ def _fit(campaign: Campaign, wanted: Specification, resolved: ResolvedModel, set
     again = solve_bounded(problem, names, best.solution.u, best.solution.z, limits)
     best = best if again.solution.failed else again
     _refuse_stray(problem, best.solution)
+    wandering: list[str] = []
+    if not noise and wanted.noise != "stated":
+        problem, best, measured, wandering = _allow_wander(pose, problem, best, measured, limits, report)
     report("writing it down", 0.96)
     # What is wrong with the samples themselves; the fit takes them as they are.
     faults = screen_samples(campaign)[1]
@@ -213,7 +218,7 @@ def _fit(campaign: Campaign, wanted: Specification, resolved: ResolvedModel, set
                 for fault in faults if fault.kind not in STAYING)]
     return summarise_fit(campaign, resolved.name, tuple(e.id for e in chosen), problem, best, origin, measured,
                          settings, wanted.nuisances,
-                         (*warnings, *worse, *describe_assumed(problem, assumed, best.solution), *doubts),
+                         (*warnings, *worse, *wandering, *describe_assumed(problem, assumed, best.solution), *doubts),
                          steps=sum(taken), starts=len(starts))
 
 
@@ -265,6 +270,44 @@ def _tell_worse(effects: Sequence[type[AbstractEffect]], without: Solution, solu
     return [f"With {join_words([effect.id for effect in effects])} the fit is worse than without (a chi-square of "
             f"{format_number(solution.chi2)} instead of {format_number(without.chi2)} under the stated noise): no "
             "value was found at which the records want this, and its estimate means nothing."]
+
+
+def _allow_wander(pose: Callable[[Mapping[str, Noise]], Problem], problem: Problem, best: Bounded,
+                  noise: Mapping[str, Noise], limits: Mapping[str, tuple[float, float]], report: Progress,
+                  settings: WanderSettings = WANDER
+                  ) -> tuple[Problem, Bounded, dict[str, Noise], list[str]]:
+    """A fit of records that run on from where they start beside baselines that wander, where these explain what misfit
+    is left and are rough, as random walks are and what a missing force leaves is not; with a sentence that says so.
+
+    Where they do not, the fit as it is. Of other records the scatter from one to another says how far estimates stray.
+    """
+    as_it_is = problem, best, dict(noise), []
+    if not problem.space.family.free_running or not _leaves_misfit(problem, best.solution, settings):
+        return as_it_is
+    for _ in range(settings.rounds):
+        report("looking whether baselines wander", 0.92)
+        slow = find_slow_noise(problem.records, best.solution, noise, settings.worth)
+        if slow.noise == dict(noise) or slow.roughness < -settings.smooth:
+            return as_it_is
+        problem = pose(slow.noise)
+        best = solve_bounded(problem, best.names, best.solution.u, best.solution.z, limits)
+        if best.solution.failed:
+            return as_it_is
+        if not _leaves_misfit(problem, best.solution, settings):
+            channels = [channel for channel, one in slow.noise.items() if one.slow_sd]
+            rough = slow.roughness > settings.worth
+            return problem, best, slow.noise, [
+                f"What the model leaves of {join_words(channels)} is slow, "
+                + ("and rough as a random walk is: " if rough else "and whether it is rough cannot be told: ")
+                + "it was taken for baselines that wander, and intervals allow for them. `ddetumble discover` tells "
+                "whether a force may be missing instead."]
+    return as_it_is
+
+
+def _leaves_misfit(problem: Problem, solution: Solution, settings: WanderSettings) -> bool:
+    """Whether residuals hold more that is slow than the noise makes."""
+    total, degrees = measure_smooth(problem, solution, smooth_bases(problem, solution.end))
+    return degrees >= 1 and stats.chi2.sf(total, degrees) < settings.level
 
 
 def _refuse_stray(problem: Problem, solution: Solution) -> None:

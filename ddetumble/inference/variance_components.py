@@ -40,6 +40,22 @@ class SpreadSettings:
     random: float = 0.01
 
 
+@dc.dataclass(frozen=True)
+class WanderSettings:
+    """When what is slow in the residuals is a baseline that wanders."""
+
+    worth: float = 6.0  # logarithm of the likelihood that a baseline has to bring, and rough ones over smooth ones
+    # Logarithm of the likelihood by which smooth baselines of records that run on from their starts may come before
+    # rough ones, as random walks are, up to which they may be noise: of bodies with a force outside the catalogue it
+    # was 20 to 2,500, of gyroscopes whose bias walks at random 5 at most.
+    smooth: float = 10.0
+    level: float = 0.01  # chance, of the noise as measured, of so much that is slow, below which `fit` looks for one
+    rounds: int = 3  # of `fit`: the first baseline is found beside parameters that it has bent
+
+
+WANDER = WanderSettings()
+
+
 def list_settings(records: Records) -> list[int]:
     """Places among the nuisances of the settings that state an uncertainty."""
     deviations = np.asarray(records.stack.condition_sd)[: records.count]
@@ -160,8 +176,8 @@ def find_slow_noise(records: Records, solution: Solution, noise: Mapping[str, No
         parts = _gather_rows(records, solution, noise[channel], c)
         if not parts:
             continue
-        none = _lose(-np.inf, 1.0, parts)
-        length = float(np.median([time[-1] - time[0] for time, *_ in parts]))
+        none = _lose(0.0, [(part.columns, np.zeros(len(part.columns)), part.determinant) for part in parts])
+        length = float(np.median([part.time[-1] - part.time[0] for part in parts]))
         limits = tuple(np.log(noise[channel].sd * x) for x in RANGE)
         rough = {share: _fit_size(share * length, parts, limits) for share in TIMES}
         best = min(loss for loss, _ in rough.values())
@@ -175,17 +191,44 @@ def find_slow_noise(records: Records, solution: Solution, noise: Mapping[str, No
     return SlowNoise(found, roughness)
 
 
-def _fit_size(slow: float, parts: list[tuple[np.ndarray, ...]], limits: tuple[float, ...], power: float = 1.0
-              ) -> tuple[float, float]:
-    """Loss of the best baseline with this correlation time, and its size."""
-    one: Any = optimize.minimize_scalar(_lose, args=(slow, parts, power), bounds=limits, method="bounded",
-                                        options={"xatol": 0.05})
+@dc.dataclass(frozen=True)
+class _Rows:
+    """What one record tells of a baseline, in rows whose noise and settings together are white."""
+
+    time: np.ndarray  # of the samples that are looked at
+    whitening: np.ndarray  # shape (rows, samples): takes samples to these rows
+    columns: np.ndarray  # of the free parameters and, last, the residuals, shape (rows, parameters + 1)
+    determinant: float  # logarithm of that of the covariance of the rows before
+
+
+def _fit_size(slow: float, parts: list[_Rows], limits: tuple[float, ...], power: float = 1.0) -> tuple[float, float]:
+    """Loss of the best baseline with this correlation time, and its size: rough (power 1), or smooth (2)."""
+    turned = [_turn(part, slow, power) for part in parts]
+    one: Any = optimize.minimize_scalar(lambda x: _lose(float(np.exp(2.0 * x)), turned), bounds=limits,
+                                        method="bounded", options={"xatol": 0.05})
     return float(one.fun), float(np.exp(one.x))
 
 
-def _gather_rows(records: Records, solution: Solution, noise: Noise, c: int) -> list[tuple[np.ndarray, ...]]:
-    """Times, covariance of the noise with that of the settings, and free columns with the residuals, by record; last
-    the rows that are looked at: all, or what is orthogonal to where a record starts from, which has no prior."""
+def _turn(part: _Rows, slow: float, power: float = 1.0) -> tuple[np.ndarray, np.ndarray, float]:
+    """Columns in the principal axes of a baseline of unit size, its variances there, and the determinant before: the
+    size changes nothing else."""
+    lag = np.abs(part.time[:, None] - part.time) / slow
+    variances, axes = np.linalg.eigh(part.whitening @ np.exp(-(lag**power) / power) @ part.whitening.T)
+    return axes.T @ part.columns, np.maximum(variances, 0.0), part.determinant
+
+
+def _lose(square: float, turned: Iterable[tuple[np.ndarray, np.ndarray, float]]) -> float:
+    """Loss of a baseline of this variance."""
+    cross, determinant = 0.0, 0.0
+    for columns, variances, known in turned:
+        cross = cross + (columns.T / (1.0 + square * variances)) @ columns
+        determinant += known + float(np.sum(np.log1p(square * variances)))
+    return _profile(np.asarray(cross), determinant)
+
+
+def _gather_rows(records: Records, solution: Solution, noise: Noise, c: int) -> list[_Rows]:
+    """Rows of every record that has enough: all of them, or what is orthogonal to where a record starts from, which has
+    no prior, whitened by the covariance of the noise with that of the settings."""
     stack, found = records.stack, []
     time, weights, taps, values = (np.asarray(x) for x in (stack.time, stack.weights, stack.taps, stack.values))
     size, free = time.shape[1], np.array([name in records.starts for name in records.nuisances])
@@ -205,9 +248,15 @@ def _gather_rows(records: Records, solution: Solution, noise: Noise, c: int) -> 
         sizes = noise.sizes[key][kept] if key in noise.sizes else np.ones(len(kept))
         covariance = noise.covariance(t[:, None] - t) * sizes[:, None] * sizes + own[:, ~free] @ own[:, ~free].T
         rest = np.concatenate([columns[:, own.shape[1]:], residual[:, None]], axis=1)
-        across = _list_rows_across(own[:, free])
-        found.append((t, across @ covariance @ across.T, across @ rest, across))
+        found.append(_whiten_rows(t, covariance, rest, _list_rows_across(own[:, free])))
     return found
+
+
+def _whiten_rows(time: np.ndarray, covariance: np.ndarray, columns: np.ndarray, across: np.ndarray) -> _Rows:
+    """Combinations `across` of samples with this covariance, as white rows."""
+    factor = linalg.cholesky(across @ covariance @ across.T, lower=True)
+    whitening, columns = (linalg.solve_triangular(factor, across @ x, lower=True) for x in (np.eye(len(time)), columns))
+    return _Rows(time, whitening, columns, 2.0 * float(np.sum(np.log(np.diag(factor)))))
 
 
 def _list_rows_across(columns: np.ndarray) -> np.ndarray:
@@ -218,18 +267,6 @@ def _list_rows_across(columns: np.ndarray) -> np.ndarray:
         return np.eye(len(columns))
     left, values, _ = np.linalg.svd(told)
     return left[:, int(np.sum(values > 1e-9 * values[0])):].T
-
-
-def _lose(logarithm: float, slow: float, parts: list[tuple[np.ndarray, ...]], power: float = 1.0) -> float:
-    """Loss of a baseline of this size (its logarithm) and correlation time: rough (power 1), or smooth (2)."""
-    square = float(np.exp(logarithm)) ** 2
-
-    def add(time: np.ndarray, covariance: np.ndarray, across: np.ndarray) -> np.ndarray:
-        """The covariance with that of the baseline, in the rows that are looked at."""
-        lag = np.abs(time[:, None] - time) / slow
-        return covariance + square * across @ np.exp(-(lag**power) / power) @ across.T
-
-    return lose_restricted((add(time, covariance, across), columns) for time, covariance, columns, across in parts)
 
 
 def lose_restricted(parts: Iterable[tuple[np.ndarray, np.ndarray]], known: np.ndarray | float = 0.0) -> float:
@@ -244,7 +281,12 @@ def lose_restricted(parts: Iterable[tuple[np.ndarray, np.ndarray]], known: np.nd
         white = linalg.solve_triangular(factor, columns, lower=True)
         cross = cross + white.T @ white
         determinant += 2.0 * float(np.sum(np.log(np.diag(factor))))
-    cross = np.asarray(cross)
+    return _profile(np.asarray(cross), determinant)
+
+
+def _profile(cross: np.ndarray, determinant: float) -> float:
+    """Minus twice the logarithm of the restricted likelihood, from the products of whitened columns of the parameters
+    and the residuals, and the logarithm of the determinant of the rows' covariance."""
     square, side, left = cross[:-1, :-1], cross[:-1, -1], float(cross[-1, -1])
     scale = np.sqrt(np.maximum(np.diag(square), 1e-300))
     if len(scale):

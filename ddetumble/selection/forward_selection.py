@@ -501,9 +501,9 @@ def allow_wander(path: Path, report: Progress = stay_silent) -> Path:
     last, selection, running = path.steps[-1], path.selection, path.selection.family.free_running
     if not last.lack.rejected or not (running or selection.measure_repeats(last.fitted.solution) is not None):
         return path
-    limits = selection.settings
-    slow = find_slow_noise(selection.records, last.fitted.solution, selection.noise, limits.spread.worth)
-    if slow.noise == selection.noise or (running and slow.roughness < -limits.smooth):
+    limits, wander = selection.settings, selection.settings.wander
+    slow = find_slow_noise(selection.records, last.fitted.solution, selection.noise, wander.worth)
+    if slow.noise == selection.noise or (running and slow.roughness < -wander.smooth):
         return path
     report("allowing for baselines that wander", 0.875)
     wider = dc.replace(selection.restack(slow.noise), noise=slow.noise)
@@ -516,11 +516,11 @@ def allow_wander(path: Path, report: Progress = stay_silent) -> Path:
     if last.lack.rejected:
         return path
     if running:
-        return dc.replace(found, ambiguous=slow.roughness < limits.spread.worth)
+        return dc.replace(found, ambiguous=slow.roughness < wander.worth)
     at = last.fitted.solution
     plain = selection.loosen(found.selection.spread).problem.solve(at.names, at.u, at.z, moving=False)
     chance = selection.measure_repeats(plain)
-    level = limits.repeats if slow.roughness < limits.spread.worth else limits.repeats_rough
+    level = limits.repeats if slow.roughness < wander.worth else limits.repeats_rough
     return found if chance is not None and chance > level else path
 
 

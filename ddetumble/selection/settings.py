@@ -4,7 +4,7 @@ import dataclasses as dc
 
 from ..inference.noise_estimation import NoiseSettings
 from ..inference.record_scatter import ScatterSettings
-from ..inference.variance_components import SpreadSettings
+from ..inference.variance_components import SpreadSettings, WanderSettings
 from ..measurement.faults import ScreeningSettings
 
 
@@ -113,15 +113,13 @@ class SelectionSettings:
             beside it have to remove at least: in the exam, true ones removed ten times as much and more, and 0.03 and
             0.2 of it those that were found where nothing was hidden.
         repeats_rough: the same of baselines that are rough beyond doubt, as a random walk is and no force's misfit.
-        smooth: logarithm of the likelihood by which smooth baselines of tumbling records may come before rough ones, as
-            random walks are, up to which they may be noise: of bodies with a force outside the catalogue it was 20 to
-            2,500, of gyroscopes whose bias walks at random 5 at most.
         bias: standard deviation of an error that all records share, as a share of the setting: a gauge that was not
             calibrated lately.
         rounding: times the largest error of the mean that the digits of a gauge make, up to which a change of its
             readings may be rounding.
         noise: what decides how the noise is taken.
         spread: when settings count as scattering more than stated.
+        wander: when what is slow in the residuals is a baseline that wanders.
         scatter: when intervals are those of the scatter of records.
         screening, outliers, baseline: what counts as a fault of the data.
     """
@@ -164,11 +162,11 @@ class SelectionSettings:
     repeats: float = 0.05
     outweighs: float = 1.0
     repeats_rough: float = 0.005
-    smooth: float = 10.0
     bias: float = 0.02
     rounding: float = 1.0
     noise: NoiseSettings = NoiseSettings()
     spread: SpreadSettings = SpreadSettings()
+    wander: WanderSettings = WanderSettings()
     scatter: ScatterSettings = ScatterSettings()
     screening: ScreeningSettings = ScreeningSettings()
     outliers: OutlierSettings = OutlierSettings()
