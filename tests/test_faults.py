@@ -591,3 +591,19 @@ def test_a_wrong_record_beside_wandering_baselines_hides_no_effect(tmp_path, ask
     wrong = [fault for fault in found.faults if fault.kind in ("gain", "doubtful")]
     key = read_campaign(tmp_path).record_keys[kept["fault_details"]["record"]]
     assert [fault.records for fault in wrong] == [(key,)] and wrong[0].left_out == left_out
+
+
+@pytest.mark.parametrize("period", [12, 40, 150, 2000])
+@pytest.mark.parametrize("step", [1.0, 4.0, 10.0])
+def test_a_coarse_gauge_at_its_limit_is_seen_where_readings_are_smooth(period, step):
+    """Equal readings follow one another at the top of what is slow, too; at a limit their neighbours lead to expect more,
+    unless these are too few for so long a stay.
+    """
+    generator, noise = np.random.default_rng(5), 1e-3
+    readings = np.sin(2.0 * np.pi * np.arange(400) / period + 0.3) + noise * generator.standard_normal(400)
+    fine, beyond = (np.round(np.clip(readings, -top, top) / (step * noise)) * step * noise for top in (2.0, 0.8))
+    error = noise * np.hypot(1.0, step / np.sqrt(12.0))
+    for readings, limited in ((fine, False), (beyond, 12 < period < 2000)):
+        clipped, held, limits = find_runs(readings, noise, 0.99, 400, 1e-9, error=error)
+        assert (bool(limits), held.any()) == (limited, False)
+        assert not limited or clipped[np.abs(readings) >= np.abs(readings).max() - 1e-9].all()

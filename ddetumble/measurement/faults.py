@@ -72,6 +72,9 @@ class ScreeningSettings:
     # thousand loses good samples.
     chance: float = 1e-4
     near: float = 3.0  # standard deviations below a limit within which a reading may have been cut by it
+    # Deviations of noise and rounding by which a parabola through the readings on either side of equal ones at an
+    # extreme exceeds them, from which on these are clipped, however coarse the gauge is: of rates, which are smooth.
+    beyond: float = 8.0
     # Standard deviations off its neighbours from which a reading is a spike: of a million Gaussian readings none is.
     spike: float = 7.0
     smooth: float = 1.8  # standard deviations of the other samples from a cubic, up to which they lie on it
@@ -90,6 +93,7 @@ class ScreeningSettings:
 
 
 SCREENING = ScreeningSettings()
+BESIDE = 4  # readings on either side of equal ones that say where these should lie: a parabola has three unknowns
 WINDOW = 9  # samples in which a spike is looked for: a smooth curve is a low polynomial in so few
 LOCAL = 61  # samples over which the size of the noise is taken: most of them by far are none of a spike's
 LOUDER = 1.5  # times the usual size, from which on it is another: a median of so few scatters by a sixth
@@ -120,7 +124,8 @@ def screen_samples(campaign: Campaign, settings: ScreeningSettings = SCREENING) 
     rows = {str(key): part for key, part in samples.groupby("record", sort=False).indices.items()}
     time = {key: samples[abscissa].to_numpy(dtype=float)[part] for key, part in rows.items()}
     groups = dict(zip(campaign.record_keys, group_conditions(campaign.records), strict=True))
-    turning, path = np.zeros(len(samples), dtype=bool), find_kind(campaign.family).path
+    kind = find_kind(campaign.family)
+    turning, path = np.zeros(len(samples), dtype=bool), kind.path
     if path in campaign.channels:  # where a slip record turns round, its force is not known and may well be empty
         for part in rows.values():
             step = np.sign(np.diff(samples[path].to_numpy(dtype=float)[part]))
@@ -137,12 +142,13 @@ def screen_samples(campaign: Campaign, settings: ScreeningSettings = SCREENING) 
         sd = 0.0 if uncertainty is None else float(uncertainty.sd(np.nanmedian(np.abs(values))))
         if not sd > 0:
             continue
-        chance, tolerance = _measure_equality([values[part] for part in rows.values()], sd)
+        chance, tolerance, resolution = _measure_equality([values[part] for part in rows.values()], sd)
+        error = float(np.hypot(sd, resolution / np.sqrt(12.0))) if channel in kind.rates else np.inf
         largest, limits = float(np.nanmax(np.abs(values), initial=0.0)), {}
         clipped, held, spiked = np.zeros((3, len(values)), dtype=bool)
         for key, part in rows.items():
             x = values[part]
-            cut, still, limits[key] = find_runs(x, sd, chance, len(values), tolerance, settings)
+            cut, still, limits[key] = find_runs(x, sd, chance, len(values), tolerance, settings, error)
             x = x[np.isfinite(x)]
             if still.any() and still.sum() == len(x) and abs(abs(x[0]) - largest) <= 1e-9 * largest:
                 # What stands still throughout at the largest reading of all is clipped, not held.
@@ -156,7 +162,7 @@ def screen_samples(campaign: Campaign, settings: ScreeningSettings = SCREENING) 
         for key, mask in leave_common_spikes(time, spikes, groups, settings).items():
             spiked[rows[key]] = mask
         values[spiked] = np.nan
-        for kind, mask in (("clipped", clipped), ("held", held), ("spike", spiked)):
+        for fault, mask in (("clipped", clipped), ("held", held), ("spike", spiked)):
             keys, number = [key for key, part in rows.items() if mask[part].any()], int(mask.sum())
             if not keys:
                 continue
@@ -164,7 +170,7 @@ def screen_samples(campaign: Campaign, settings: ScreeningSettings = SCREENING) 
             where = "each at its largest or smallest reading"
             if 0 < len(at) <= 3:
                 where = f"at {join_words(at)} {campaign.channels[channel].unit}"
-            found.append(_tell(kind, keys, channel, where=where, deviations=settings.spike,
+            found.append(_tell(fault, keys, channel, where=where, deviations=settings.spike,
                                gone="It is left out" if one else f"{number} samples are left out",
                                single="A single sample" if one else f"{number} single samples",
                                stand="stands" if one else "stand"))
@@ -180,11 +186,13 @@ def screen_samples(campaign: Campaign, settings: ScreeningSettings = SCREENING) 
 
 
 def find_runs(x: np.ndarray, sd: float, chance: float, count: int, tolerance: float,
-              settings: ScreeningSettings = SCREENING) -> tuple[np.ndarray, np.ndarray, list[float]]:
+              settings: ScreeningSettings = SCREENING, error: float = np.inf
+              ) -> tuple[np.ndarray, np.ndarray, list[float]]:
     """Which readings of a record, shape (samples,), are at a limit (or around one), which stand still, and the limits.
 
     `sd` is that of the noise, `chance` that of two neighbours being equal, `count` how many readings of all records
-    give chance an opportunity, and `tolerance` what a difference has to exceed.
+    give chance an opportunity, `tolerance` what a difference has to exceed, and `error` that of a reading of what is
+    smooth, so that readings on either side of equal ones at an extreme tell where these should lie.
     """
     clipped, held, limits = np.zeros(len(x), dtype=bool), np.zeros(len(x), dtype=bool), []
     there = np.flatnonzero(np.isfinite(x))
@@ -198,9 +206,11 @@ def find_runs(x: np.ndarray, sd: float, chance: float, count: int, tolerance: fl
     middle = ndimage.median_filter(y, 5, mode="nearest")
     for run in np.split(np.arange(len(y)), breaks):
         value = float(y[run[0]])
-        if len(run) < 3 or count * chance ** (len(run) - 1) > settings.chance:
+        if len(run) < 3:
             continue
         side = next((side for side in (1.0, -1.0) if side * value >= np.max(side * y) - tolerance), 0.0)
+        if count * chance ** (len(run) - 1) > settings.chance and not _would_pass(y, run, side, error, settings):
+            continue
         if side:
             at = np.abs(y - value) <= tolerance
             near = at | (side * middle > side * value - settings.near * sd)
@@ -209,6 +219,18 @@ def find_runs(x: np.ndarray, sd: float, chance: float, count: int, tolerance: fl
         elif value != 0.0 or np.abs(y[np.clip([run[0] - 1, run[-1] + 1], 0, len(y) - 1)]).max() >= 6.0 * sd:
             held[there[run]] = True  # a file may hold zeros where nothing acts
     return clipped, held & ~clipped, limits
+
+
+def _would_pass(y: np.ndarray, run: np.ndarray, side: float, error: float, settings: ScreeningSettings) -> bool:
+    """Whether the parabola through the readings on either side of equal ones at an extreme passes them by far."""
+    low, high = run[0] - BESIDE, run[-1] + BESIDE
+    if low < 0 or high >= len(y) or not side or not np.isfinite(error):
+        return False
+    middle, size = 0.5 * (run[0] + run[-1]), 0.5 * (high - low)
+    powers = np.vander((np.r_[low:run[0], run[-1] + 1:high + 1] - middle) / size, 3)
+    weights = np.linalg.pinv(powers).T @ np.vander((run - middle) / size, 3).mean(axis=0)  # of the readings beside
+    excess = side * (weights @ np.r_[y[low:run[0]], y[run[-1] + 1:high + 1]] - y[run[0]])
+    return bool(excess > settings.beyond * error * np.hypot(1.0, np.linalg.norm(weights)))
 
 
 def find_blind(campaign: Campaign) -> tuple[Fault, ...]:
@@ -275,8 +297,8 @@ def find_truncated(campaign: Campaign, settings: ScreeningSettings = SCREENING) 
     return (_tell("truncated", shares, channel, end=" to ".join(ends)),)
 
 
-def _measure_equality(records: list[np.ndarray], sd: float) -> tuple[float, float]:
-    """Chance that two neighbours are equal, and the difference that counts as none.
+def _measure_equality(records: list[np.ndarray], sd: float) -> tuple[float, float, float]:
+    """Chance that two neighbours are equal, the difference that counts as none, and the resolution.
 
     The resolution is the finest step of a record's readings, or less where readings so coarse would have met more
     often: of n readings spread over R in steps of q about n^2 q / (2 R) pairs are equal; what turns in step with the
@@ -300,7 +322,7 @@ def _measure_equality(records: list[np.ndarray], sd: float) -> tuple[float, floa
     usual = float(np.quantile(shares, 0.25)) if shares else 0.0
     finest = [q for q in finest if np.isfinite(q)]
     resolution = float(np.quantile(finest, 0.25)) if finest else 0.0
-    return min(max(resolution / (2.0 * np.sqrt(np.pi) * sd), usual, 1e-9), 0.99), tolerance
+    return min(max(resolution / (2.0 * np.sqrt(np.pi) * sd), usual, 1e-9), 0.99), tolerance, resolution
 
 
 def _measure_roughness(time: dict[str, np.ndarray], parts: dict[str, np.ndarray]) -> float:
