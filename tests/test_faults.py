@@ -596,8 +596,8 @@ def test_a_wrong_record_beside_wandering_baselines_hides_no_effect(tmp_path, ask
 @pytest.mark.parametrize("period", [12, 40, 150, 2000])
 @pytest.mark.parametrize("step", [1.0, 4.0, 10.0])
 def test_a_coarse_gauge_at_its_limit_is_seen_where_readings_are_smooth(period, step):
-    """Equal readings follow one another at the top of what is slow, too; at a limit their neighbours lead to expect more,
-    unless these are too few for so long a stay.
+    """Equal readings follow one another at the top of what is slow, too; at a limit their neighbours
+    lead to expect more, unless these are too few for so long a stay.
     """
     generator, noise = np.random.default_rng(5), 1e-3
     readings = np.sin(2.0 * np.pi * np.arange(400) / period + 0.3) + noise * generator.standard_normal(400)
