@@ -72,20 +72,23 @@ def finish(screened, before, **settings):
 
 def test_who_is_fitted_to_the_end():
     """Those within `decisive` of the best; within a quarter of its gain where a fit is still on its way; who fits far
-    better, or has come far and is not at the end, although it predicts worse; nobody that does nothing."""
+    better, or has come far and is not at the end, although it predicts worse; who fits as well; nobody that does
+    nothing."""
     before = fake(1000.0)
     screened = {
         "best": fake(500.0, 500.0, ("best",)), "near": fake(560.0, 549.0, ("near",)),
         "far": fake(560.0, 551.0, ("far",)), "going": fake(620.0, 624.0, ("going",), converged=False),
         "lost": fake(640.0, 626.0, ("lost",), converged=False), "better": fake(300.0, 800.0, ("better",)),
         "little": fake(440.0, 900.0, ("little",)), "runner": fake(440.0, 910.0, ("runner",), converged=False),
-        "walker": fake(460.0, 920.0, ("walker",), converged=False),
+        "walker": fake(460.0, 920.0, ("walker",), converged=False), "worse": fake(509.5, 910.0, ("worse",)),
         "nothing": dc.replace(before, effects=("nothing",), loss=np.full(4, 125.0))}
     _, found = finish(screened, before)
-    assert set(found) == {"best", "near", "going", "better", "runner"}
+    assert set(found) == {"best", "near", "going", "better", "runner", "little", "walker"}
     assert all(found[name] is screened[name] for name in found)
-    assert set(finish(screened, before, further_finalists=1)[1]) == {"best", "near", "going", "better"}
-    assert set(finish(screened, before, finalists=1)[1]) == {"best", "better", "runner"}
+    assert set(finish(screened, before, further_finalists=1)[1]) == {"best", "near", "going", "better", "little"}
+    assert set(finish(screened, before, finalists=1)[1]) == {"best", "better", "runner", "little", "walker"}
+    alike = {"best": screened["best"], "worse": screened["worse"], "like": fake(508.5, 910.0, ("like",))}
+    assert set(finish(alike, before)[1]) == {"best", "like"}
     assert set(finish(screened, before, finalists=0, further_finalists=0)[1]) == {"best"}
     small = {"best": fake(960.0, 960.0, ("best",)), "going": fake(990.0, 1005.0, ("going",), converged=False)}
     assert set(finish(small, before)[1]) == {"best", "going"}  # `decisive` is more than a quarter of little

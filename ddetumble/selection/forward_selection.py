@@ -332,9 +332,10 @@ def refine(selection: SelectionProblem, current: Fitted, screened: dict[str, Fit
            order: Sequence[str]) -> dict[str, Fitted]:
     """Fit the finalists to the end: those that come near the best of the screening, or might have with more steps.
 
-    Those that fit far better than the best are finalists, too, although they predict left-out conditions worse: where
-    a fit stopped short, its cross-validated loss is that of a linearisation about a place which is no optimum; where it
-    did not, the two judgements contradict each other, which is to be said (`find_alternatives`).
+    Those that fit as well as the best, or far better, are finalists, too, although they predict left-out conditions
+    worse: where a fit stopped short, its cross-validated loss is that of a linearisation about a place which is no
+    optimum, and of few conditions it is little evidence; where it did not, the two judgements contradict each other,
+    which is to be said (`find_alternatives`).
     """
     limits, best = selection.settings, screened[order[0]]
     near = {e: limits.decisive if screened[e].solution.converged else
@@ -345,7 +346,9 @@ def refine(selection: SelectionProblem, current: Fitted, screened: dict[str, Fit
     better = [e for e in moved if e not in finalists and (
         fits_better(screened[e], best, before, limits)
         or (not screened[e].solution.converged and screened[e].solution.chi2 < fits))]
-    finalists += sorted(better, key=lambda e: screened[e].solution.chi2)[: limits.further_finalists]
+    alike = [e for e in moved if e not in (*finalists, *better) and fits_as_well(screened[e], best, limits)]
+    for some in (better, alike):
+        finalists += sorted(some, key=lambda e: screened[e].solution.chi2)[: limits.further_finalists]
     # What a shape that the screening held would still gain is not known before it is free.
     finalists += [e for e in moved if e not in finalists and selection.list_held(e)]
 
@@ -384,6 +387,12 @@ def free_held(selection: SelectionProblem, fitted: Fitted, effect: str, thinned:
         if wider is None or wider.merit >= best.merit - selection.settings.significant:
             return None if best is fitted else best
         best = wider
+
+
+def fits_as_well(one: Fitted, best: Fitted, settings: SelectionSettings = DEFAULT) -> bool:
+    """Whether `one` removes as much of a misfit as `best`, but for chance, its further parameters counted."""
+    costs = [f.solution.chi2 + settings.significant * len(f.solution.names) for f in (best, one)]
+    return costs[1] - costs[0] < settings.significant
 
 
 def fits_better(one: Fitted, best: Fitted, before: Fitted, settings: SelectionSettings = DEFAULT) -> bool:
