@@ -42,7 +42,7 @@ def test_nothing_missing(tmp_path, seed, noise):
     assert found.effects == ()
     assert holds(found, "effective_mass", BASE["effective_mass"])
     assert holds(found, "restitution", BASE["restitution"])
-    assert len(found.candidates) == 17
+    assert len(found.candidates) == 18
     assert found.steps[0].lack_of_fit.p_value > 0.005
 
 
@@ -56,6 +56,7 @@ def test_nothing_missing(tmp_path, seed, noise):
     # A gauge that rings, and what it may be taken for.
     ("sensor-resonance", {"f_0": 130.0, "zeta": 0.06}, {}),
     ("sensor-resonance", {"f_0": 300.0, "zeta": 0.02}, {"rho": 0.5}),
+    ("sensor-filter", {"f_c": 200.0}, {}),
     ("sensor-lag", {"T": 4e-4}, {}),
     ("sensor-gain", {"g": 1.06}, {}),
 ])

@@ -40,7 +40,8 @@ EVERYTHING = {
     "inflation-growth.beta": 0.2, "gas-leak.lambda": 2.0, "viscoelastic-wall.k_v": 500.0, "viscous-dashpot.c_v": 1.0,
     "adhesion.tau_a": 5e3, "arm-servo.k_s": 100.0, "speed-dependent-restitution.p": 0.05,
     "pressure-dependent-restitution.p": 0.05, "stress-softening.sigma_m": 0.05, "sensor-highpass.tau_s": 1.0,
-    "sensor-lag.T": 5e-4, "sensor-gain.g": 1.03, "sensor-resonance.f_0": 1.0 / 250.0,  # an inverse
+    "sensor-lag.T": 5e-4, "sensor-gain.g": 1.03,
+    "sensor-filter.f_c": 1.0 / 300.0, "sensor-resonance.f_0": 1.0 / 250.0,  # inverses
 }  # fmt: skip
 
 

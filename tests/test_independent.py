@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy import signal
 from scipy.special import beta
 
 from ddetumble.exam.simulators.campaigns import write_package
@@ -132,9 +133,9 @@ def test_every_null_leaves_reference():
         "arm-servo": {"k_s": 0.0}, "speed-dependent-restitution": {"p": 0.0},
         "pressure-dependent-restitution": {"p": 0.0}, "stress-softening": {"sigma_m": 0.0, "j_0": 3.0},
         "sensor-highpass": {"tau_s": 1e15}, "sensor-lag": {"T": 0.0}, "sensor-gain": {"g": 1.0},
-        "sensor-resonance": {"f_0": math.inf, "zeta": 0.05},
+        "sensor-filter": {"f_c": math.inf}, "sensor-resonance": {"f_0": math.inf, "zeta": 0.05},
     }  # fmt: skip
-    assert len(nulls) == 17
+    assert len(nulls) == 18
     plain = simulate(BASE, {}, CONDITIONS, TIMES)
     assert np.abs(simulate(BASE, nulls, CONDITIONS, TIMES) - plain).max() < 1e-8
     strong = {name: {symbol: value or 0.1 for symbol, value in null.items()} for name, null in nulls.items()}
@@ -180,6 +181,15 @@ def test_a_gauge_rings_down_after_separation():
     inside = np.flatnonzero(force > 0.2 * force.max())[2:-2]
     late = 2.0 * 0.3 / (2.0 * math.pi * 4e3) * np.gradient(force, TIMES)
     assert np.abs(stiff - force + late)[inside].max() < 0.1 * np.abs(late).max()
+
+
+def test_a_filter_of_second_order_is_that_of_signal_processing():
+    """The reading is SciPy's Butterworth filter of the force, by its state space driven exactly by a polygon."""
+    corner, times = 200.0, np.linspace(0.0, 0.08, 8001)
+    force = simulate(BASE, {}, CONDITIONS, times)[:, 0]
+    expected = signal.lsim(signal.butter(2, 2.0 * math.pi * corner, analog=True), force, times)[1]
+    reading = simulate(BASE, {"sensor-filter": {"f_c": corner}}, CONDITIONS, times)[:, 0]
+    assert np.abs(reading - expected).max() < 1e-5 * force.max() < 1e-3 * np.abs(reading - force).max()
 
 
 def test_gauge_stages_come_in_order():

@@ -43,6 +43,7 @@ from .impact import InflationGrowth as InflationGrowth
 from .impact import MembraneArea as MembraneArea
 from .impact import PolytropicGas as PolytropicGas
 from .impact import PressureDependentRestitution as PressureDependentRestitution
+from .impact import SensorFilter as SensorFilter
 from .impact import SensorGain as SensorGain
 from .impact import SensorHighpass as SensorHighpass
 from .impact import SensorLag as SensorLag

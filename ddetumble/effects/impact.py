@@ -310,6 +310,25 @@ class SensorLag(AbstractSensorEffect):
 
 
 @final
+class SensorFilter(AbstractSensorEffect):
+    r"""Second-order filter: $\ddot F_m/\omega_c^2 + \sqrt2\dot F_m/\omega_c + F_m = F$, $\omega_c = 2\pi f_c$."""
+
+    period: Scalar = parameter("Hz", 0.0, name="f_c", typical=1e-3, sign=1, bounds=(-1e-5, 0.1),
+                               starts=(1.0 / 150.0, 1.0 / 400.0), coordinate="inverse", singular=True,
+                               text="corner frequency of the amplifier's low-pass filter", limits=(20.0, float("inf")),
+                               limits_reason="a gauge slower than an impact, about 50 ms, does not show one")
+    id: ClassVar[str] = "sensor-filter"
+    law: ClassVar[str] = "F_m''/w_c^2 + sqrt(2) F_m'/w_c + F_m = F, w_c = 2 pi f_c"
+    reference: ClassVar[str] = "Butterworth low-pass of an amplifier (Butterworth 1930); null is 1/f_c = 0"
+    order: ClassVar[int] = 3
+    costly: ClassVar[bool] = True
+
+    def reading(self, force: Signal) -> Signal:
+        """F_m [N]."""
+        return resonate(force, self.period, jnp.sqrt(0.5))
+
+
+@final
 class SensorGain(AbstractSensorEffect):
     r"""Wrong calibration: measured $= g F$."""
 
@@ -318,7 +337,7 @@ class SensorGain(AbstractSensorEffect):
     id: ClassVar[str] = "sensor-gain"
     law: ClassVar[str] = "measured = g F"
     reference: ClassVar[str] = "calibration of the force gauge"
-    order: ClassVar[int] = 3
+    order: ClassVar[int] = 4
 
     def reading(self, force: Signal) -> Signal:
         """g F [N]."""
@@ -341,7 +360,7 @@ class SensorResonance(AbstractSensorEffect):
     law: ClassVar[str] = "F_m''/w_0^2 + 2 zeta F_m'/w_0 + F_m = F, w_0 = 2 pi f_0"
     reference: ClassVar[str] = "second-order instrument (Doebelin, Measurement Systems); null is 1/f_0 = 0"
     # Linear filters may change places; after the slow ones it sees a smooth force.
-    order: ClassVar[int] = 4
+    order: ClassVar[int] = 5
     rings: ClassVar[bool] = True
     costly: ClassVar[bool] = True
     line: ClassVar[str | None] = "sensor-resonance.f_0"
@@ -371,5 +390,5 @@ class Adhesion(AbstractSurfaceForce):
 IMPACT: tuple[type[AbstractEffect], ...] = (
     PolytropicGas, AmbientPressure, WallStiffness, MembraneArea, InflationGrowth, GasLeak, ViscoelasticWall,
     ViscousDashpot, Adhesion, ArmServo, SpeedDependentRestitution, PressureDependentRestitution, StressSoftening,
-    SensorHighpass, SensorLag, SensorGain, SensorResonance,
+    SensorHighpass, SensorLag, SensorFilter, SensorGain, SensorResonance,
 )

@@ -1,7 +1,7 @@
 """Impact records of an inflated ball, integrated with SciPy from the written physics.
 
 Sources: "the paper" is *Impact Force Identification of the Variable Pressure Flexible Impact End-Effector
-in Space Debris Active Detumbling* (2020), Eqs. 2-6; seventeen further effects follow the project's catalogue.
+in Space Debris Active Detumbling* (2020), Eqs. 2-6; eighteen further effects follow the project's catalogue.
 SI units throughout. Nothing of the package under test is imported.
 
 The order of the stages, which matters as soon as two effects meet:
@@ -35,7 +35,8 @@ NULLS = {
     "viscoelastic-wall": {"k_v": 0.0, "tau": math.inf}, "viscous-dashpot": {"c_v": 0.0}, "adhesion": {"tau_a": 0.0},
     "arm-servo": {"k_s": 0.0}, "speed-dependent-restitution": {"p": 0.0}, "pressure-dependent-restitution": {"p": 0.0},
     "stress-softening": {"sigma_m": 0.0, "j_0": 1.0}, "sensor-highpass": {"tau_s": math.inf}, "sensor-lag": {"T": 0.0},
-    "sensor-gain": {"g": 1.0}, "sensor-resonance": {"f_0": math.inf, "zeta": 0.05},
+    "sensor-filter": {"f_c": math.inf}, "sensor-gain": {"g": 1.0},
+    "sensor-resonance": {"f_0": math.inf, "zeta": 0.05},
     # outside the catalogue
     "x-end-stop": {"k": 0.0, "depth": math.inf, "exponent": 1.5}, "x-ringing": {"A": 0.0, "f": 70.0, "decay": 0.0},
     "x-arm-vibration": {"force": 0.0, "f": 70.0}, "x-pressure-power": {"s": 0.0},
@@ -159,18 +160,24 @@ class Impact:
         x = self.effects["x-ringing"]
         return force * (1.0 + x["A"] * math.exp(-x["decay"] * time) * math.sin(2.0 * math.pi * x["f"] * time))
 
+    def list_second_order(self):
+        """Return (frequency, damping ratio) of what follows the force as a mass on a damped spring does."""
+        ringing, filtering = self.effects["sensor-resonance"], self.effects["sensor-filter"]
+        pairs = (ringing["f_0"], ringing["zeta"]), (filtering["f_c"], math.sqrt(0.5))
+        return [pair for pair in pairs if math.isfinite(pair[0])]
+
     def sense(self, force, leaked, lagged, swing=()):
         """Return rates of the gauge's states, and its reading, for the force that acts on it.
 
         swing: of a gauge that rings, F_r of F_r'' / w_0^2 + 2 zeta F_r' / w_0 + F_r = F, w_0 = 2 pi f_0, and
-        F_r' / w_0; F_r is F without; leaked: y of dy/dt = (F_r - y)/tau_s; lagged: F_m of T dF_m/dt = (F_r - y) - F_m;
-        reading g F_m.
+        F_r' / w_0, then the same of a filter of second order, which sees F_r; F_r is F without; leaked: y of
+        dy/dt = (F_r - y)/tau_s; lagged: F_m of T dF_m/dt = (F_r - y) - F_m; reading g F_m.
         """
         x, rates = self.effects, []
-        if swing:
-            swung, speed = swing
-            turn = 2.0 * math.pi * x["sensor-resonance"]["f_0"]
-            rates = [turn * speed, turn * (force - swung - 2.0 * x["sensor-resonance"]["zeta"] * speed)]
+        for frequency, damping in self.list_second_order():
+            swung, speed, *swing = swing
+            turn = 2.0 * math.pi * frequency
+            rates += [turn * speed, turn * (force - swung - 2.0 * damping * speed)]
             force = swung
         passed, lag = force - leaked, x["sensor-lag"]["T"]
         lag_rate, reading = ((passed - lagged) / lag, lagged) if lag else (0.0, passed)
@@ -202,7 +209,7 @@ def integrate_contact(impact, end, rtol=1e-11, atol=1e-13, parts=60):
         return state[0]
 
     separate.terminal, separate.direction = True, -1.0
-    swing = [0.0, 0.0] if math.isfinite(impact.effects["sensor-resonance"]["f_0"]) else []
+    swing = [0.0, 0.0] * len(impact.list_second_order())
     scale = np.array([1.0, 1.0, 1e3, 1e3, 1e3] + [1e3 for _ in swing])
     solution = solve_ivp(impact.advance, (0.0, end), [0.0, impact.speed, 0.0, 0.0, 0.0, *swing], method="DOP853",
                          dense_output=True, events=separate, rtol=rtol, atol=atol * scale,
