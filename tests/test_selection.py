@@ -23,12 +23,17 @@ from scipy import stats
 
 from ddetumble.contact.effect import parameter
 from ddetumble.contact.law import Ball
+from ddetumble.contact.sliding import RubberFriction
 from ddetumble.effects import SensorLag, SensorResonance
+from ddetumble.exam.simulators.campaigns import write_package
+from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign
+from ddetumble.inference.assembly import default_starts
 from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.inference.smooth import smooth_bases
 from ddetumble.inference.stack import Records
+from ddetumble.measurement.package import read_campaign
 from ddetumble.selection import forward_selection
-from ddetumble.selection.cross_validation import compare_losses, forecast
+from ddetumble.selection.cross_validation import compare_losses, forecast, leave_out
 from ddetumble.selection.forward_selection import (
     FittedStep,
     Path,
@@ -45,6 +50,7 @@ from ddetumble.selection.forward_selection import (
     try_effects,
 )
 from ddetumble.selection.lack_of_fit import Score, hold_settings, is_moved, judge_fit, measure_shifts
+from ddetumble.selection.problem import fit_reference, pose_selection
 from ddetumble.selection.settings import SelectionSettings
 
 
@@ -508,3 +514,28 @@ def test_the_last_physical_step_is_kept():
         fitted, fit_with(selection, fitted, settling=0.3), fit_with(selection, fitted, settling=0.3, ripple=1.0)))
     kept, beyond = Path(selection, steps, None, True).keep_physical()
     assert kept == steps[:2] and [x.name for x in beyond] == ["ripple.a"]
+
+
+def test_a_loss_that_one_step_puts_far_off_is_that_of_a_fit(tmp_path):
+    """Five strokes of which one alone tells two effects of the speed apart: a Gauss-Newton step without it ends where
+    the friction is another, the fit without it predicts it to the noise."""
+    base = {"adhesion_constant": 0.8, "loss_factor": 0.15, "slip_scale": 1.0}
+    made = make_slip_campaign("few", 4, {"stribeck": {"A": 0.3, "u_s": 0.05}}, base, [5.0, 12.0, 20.0, 28.0],
+                              [0.8e6, 1.9e6], [0.02, 0.1], length=8e-3)
+    write_package(tmp_path, made)
+    whole = read_campaign(tmp_path)
+    tests = whole.records[["normal_load", "internal_pressure", "slip_speed"]].to_numpy() / [1.0, 1e6, 1.0]
+    wanted = [(5.0, 0.8, 0.02), (12.0, 1.9, 0.02), (20.0, 0.8, 0.1), (28.0, 1.9, 0.1), (12.0, 0.8, 0.1)]
+    kept = [whole.record_keys[int(np.argmin(np.sum((tests / one - 1.0) ** 2, axis=1)))] for one in wanted]
+    few = whole.select([key for key in whole.record_keys if key in kept])
+    selection, reference = fit_reference(pose_selection(few, RubberFriction()))
+    both = ("stribeck", "viscous-friction")
+    start = {k: v for effect in both for k, v in default_starts(selection.find_effect(effect))[0].items()}
+    fitted = selection.fit(both, [start], reference.solution.u, reference.solution.z)
+    linear, count = leave_out(fitted.solution, selection.groups), selection.records.used.sum() / 5.0
+    far = linear > 1e3 * count
+    assert far.sum() == 1 and np.all(fitted.loss < 2.0 * count)
+    np.testing.assert_array_equal(fitted.loss[~far], linear[~far])
+    loose = selection.fit(both, [start], reference.solution.u, reference.solution.z, screening=True)
+    np.testing.assert_array_equal(loose.loss, leave_out(loose.solution, selection.groups))
+    assert selection.refit_far_off(loose).score < 0.1 * max(loose.score, 20.0 * count)

@@ -19,6 +19,9 @@ FARTHEST = 10.0
 # Times the linearised loss of a condition that is left out, from which on the exact one shows that the step to the fit
 # without it was too long: what a shape such as a speed scale does to a force is no straight line.
 BENT = 2.0
+# Noise variances a sample of a condition that is left out, from which on its linearised loss is no figure to go by: a
+# model that misses by so much may as well be one whose straight line led it far away.
+FAR_OFF = 4.0
 BEYOND = 1e12  # noise variances that a prediction misses by at most: past any meaning, and still finite
 
 
@@ -36,6 +39,25 @@ def leave_out(solution: Solution, groups: np.ndarray) -> np.ndarray:
         with np.errstate(over="ignore"):  # what this condition alone told is anything without it
             loss[out] = np.fmin(np.sum(moved**2, axis=1), BEYOND)
     return loss
+
+
+def refit_far_off(problem: Problem, solution: Solution, groups: np.ndarray, loss: np.ndarray) -> np.ndarray:
+    """The losses of `leave_out`, shape (records,), but of conditions that these put far off those of fits without.
+
+    Where too few others tell a parameter, one Gauss-Newton step goes anywhere. A condition whose fit cannot be computed
+    keeps the linearised loss.
+    """
+    exact, used = loss.copy(), np.sum(solution.residual != 0, axis=1)
+    for group in np.unique(groups) if solution.names else ():
+        out = groups == group
+        if loss[out].sum() > FAR_OFF * used[out].sum():
+            with contextlib.suppress(ComputationError):
+                u, _ = _fit_others(problem, solution, out, adjust=False)
+                there = problem.solve((), u, solution.z, tolerance=1e-2)
+                with np.errstate(over="ignore"):
+                    found = np.sum(there.residual[out] ** 2, axis=1) + np.sum(there.z[out] ** 2, axis=1)
+                exact[out] = np.fmin(found, BEYOND)
+    return exact
 
 
 def forecast(records: Records, solution: Solution, groups: np.ndarray, share: float = DEFAULT.early) -> np.ndarray:

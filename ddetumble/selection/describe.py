@@ -137,8 +137,10 @@ def describe_candidates(selection: SelectionProblem, grown: Sequence[FittedStep]
     Where records are long, those that never came near the best are fitted to thinned ones, and compared on these.
     """
     reference, scores, rejected = grown[0].fitted, grown[0].scores, grown[0].lack.rejected
-    fits, before = dict(tried.screened), tried.before
-    if rejected:  # else nothing is missing, and nothing hangs on what is left to gain
+    before = tried.before
+    if not rejected:  # nothing is missing, and nothing hangs on what is left to gain
+        fits = {effect: selection.refit_far_off(fitted) for effect, fitted in tried.screened.items()}
+    else:
         thinned = None if selection.thin is None else selection.extend(reference, (), thinned=True)
         before = thinned or reference
         fits = dict(map_threads(lambda e: (e, _finish(selection, grown, tried, before, e)), tried.order))

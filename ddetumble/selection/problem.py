@@ -23,7 +23,7 @@ from ..inference.smooth import measure_smooth, smooth_bases
 from ..inference.stack import Records, stack_records, widen_settings
 from ..inference.variance_components import estimate_spread, follow_conditions
 from ..measurement.campaign import Campaign, can_leave_out, group_conditions
-from .cross_validation import forecast, leave_out, predict_left_out
+from .cross_validation import forecast, leave_out, predict_left_out, refit_far_off
 from .lack_of_fit import (
     Score,
     bootstrap_p_value,
@@ -224,15 +224,25 @@ class SelectionProblem:
                 continue
             if not solution.failed and np.isfinite(solution.chi2) and (best is None or solution.chi2 < best.chi2):
                 best = solution
-        return None if best is None else self.file(effects, best, problem)
+        return None if best is None else self.file(effects, best, problem, screening)
 
-    def file(self, effects: Sequence[str], solution: Solution, problem: Problem | None = None) -> Fitted:
-        """A fit with its cross-validated losses."""
+    def file(self, effects: Sequence[str], solution: Solution, problem: Problem | None = None, screening: bool = False
+             ) -> Fitted:
+        """A fit with its cross-validated losses, which of a `screening` are those of the linearised model alone."""
         problem = problem or self.problem
         loss = ahead = leave_out(solution, self.groups)
         if self.family.free_running:
             ahead = forecast(problem.records, solution, self.groups, self.settings.early)
-        return Fitted(tuple(effects), solution, loss, ahead, problem is not self.problem, self.settings.significant)
+        found = Fitted(tuple(effects), solution, loss, ahead, problem is not self.problem, self.settings.significant)
+        return found if screening else self.refit_far_off(found)
+
+    def refit_far_off(self, fitted: Fitted) -> Fitted:
+        """A fit with those losses exact that its linearised model puts far off (`refit_far_off`)."""
+        if self.family.free_running:
+            return fitted
+        problem = self.thin if fitted.thinned and self.thin is not None else self.problem
+        loss = refit_far_off(problem, fitted.solution, self.groups, fitted.loss)
+        return dc.replace(fitted, loss=loss, forecast=loss)
 
     def predict(self, fitted: Fitted, adjust: bool = False) -> PredictionError:
         """How well a model predicts every condition from the fit without it, its settings as they are written down or
