@@ -8,7 +8,7 @@ nothing of it.
 """
 
 import dataclasses as dc
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from .exchanges import find_exchange, tell_exchange
 from .lack_of_fit import score_directions
 from .leave_record_out import Aside, measure_record, set_aside
 from .problem import Fitted, SelectionProblem
+from .saturation import find_saturation, tell_saturation
 from .settings import DEFAULT, SelectionSettings
 
 
@@ -213,6 +214,12 @@ def clean_records(state: Cleaned, selection: SelectionProblem, fitted: Fitted, f
         final: whether it is what the search ended with, rather than the reference model.
         search: a model that leaves nothing smooth of another campaign, if any, where none was found of this one.
     """
+    limit = find_saturation(selection, fitted, {f.channel for f in state.faults if f.kind == "clipped"})
+    if limit is not None:  # what is cut off bends everything else
+        state = dc.replace(state, faults=(*state.faults, tell_saturation(selection, limit, state.keep_all)))
+        if not state.keep_all:
+            off = {(key, limit.channel): mask for key, mask in limit.samples.items()}
+            return dc.replace(state, campaign=_drop_samples(state.campaign, off)), True
     pair = find_exchange(selection, fitted)
     suspects = [] if pair else find_suspects(selection, fitted)
     sure = [s for s in suspects if s.sure]
@@ -238,7 +245,9 @@ def clean_records(state: Cleaned, selection: SelectionProblem, fitted: Fitted, f
         return dc.replace(state, faults=faults), False
     gone = {s.key for s in sure if s.diagnosis.samples is None} | set(pair or ())
     kept = [key for key in state.campaign.record_keys if key not in gone]
-    campaign = _drop_samples(state.campaign, selection, [s for s in sure if s.key not in gone]).select(kept)
+    off = {(s.key, channel): mask for s in sure if s.diagnosis.samples is not None
+           for channel, mask in zip(selection.records.channels, s.diagnosis.samples, strict=True)}
+    campaign = _drop_samples(state.campaign, off).select(kept)
     # What was in doubt only beside the culprits is looked at again without them.
     faults = tuple(f for f in faults if f.kind != "doubtful")
     moving = {**state.zeros, zero.channel: zero.spread} if zero else state.zeros
@@ -250,15 +259,12 @@ def _identify(fault: Fault) -> tuple:
     return fault.kind in ("doubtful", "spike") and fault.kind, fault.records, fault.channel
 
 
-def _drop_samples(campaign: Campaign, selection: SelectionProblem, suspects: Sequence[Suspect]) -> Campaign:
-    """The campaign without the samples that are all that is wrong with a record."""
+def _drop_samples(campaign: Campaign, off: Mapping[tuple[str, str], np.ndarray]) -> Campaign:
+    """The campaign without some samples of records and channels, by key and name, each shape (samples,)."""
     assert campaign.samples is not None
     samples = campaign.samples.copy()
-    for suspect in suspects:
-        assert suspect.diagnosis.samples is not None
-        rows = np.flatnonzero(samples["record"].to_numpy() == suspect.key)
-        for channel, off in zip(selection.records.channels, suspect.diagnosis.samples, strict=True):
-            values = samples[channel].to_numpy(dtype=float).copy()
-            values[rows[off]] = np.nan
-            samples[channel] = values
+    for (key, channel), gone in off.items():
+        values = samples[channel].to_numpy(dtype=float).copy()
+        values[np.flatnonzero(samples["record"].to_numpy() == key)[gone]] = np.nan
+        samples[channel] = values
     return dc.replace(campaign, samples=samples)

@@ -36,6 +36,7 @@ class OutlierSettings:
     fits: float = 1e-3  # p-value above which a record fits with a data error corrected
     small: float = 1.0  # the same as an excess: below one noise variance no plot shows it
     wide: float = 6.0  # standard deviations of a sample that is off by itself
+    conditions: int = 2  # that share a level at which a gauge is taken to be at its limit
     few: float = 0.03  # largest share of a record's samples that may be off
     close: float = 0.25  # share by which the first guess of a ratio of units may be off
     kinematic_slack: float = 0.06  # the same for rates of rotation against Euler's equations, before any fit
