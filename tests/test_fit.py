@@ -1,5 +1,6 @@
 """Fits of campaigns made by the independent simulator: truth in the intervals, bounds, priors, what is confounded."""
 
+import dataclasses as dc
 import json
 import math
 from pathlib import Path
@@ -21,6 +22,7 @@ from ddetumble.inference.problem import Problem
 from ddetumble.inference.specification import read_specification
 from ddetumble.inference.stack import hold_conditions, stack_records
 from ddetumble.measurement.package import read_campaign
+from ddetumble.selection.problem import pose_selection
 
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -55,6 +57,24 @@ def test_settings_that_made_up_for_an_effect_do_not_hold_its_fit(tmp_path):
     assert found.chi2_reduced < 1.2
     for name, value in {**base, "viscous-dashpot.c_v": 47.0}.items():
         assert abs(found.parameters[name].estimate - value) < 4.0 * found.parameters[name].sd
+
+
+def test_what_is_known_of_an_effect_is_held_where_the_model_has_it(tmp_path):
+    """An amplifier's filter of stated corner: in a fit, in a selection beside other effects, and not without it."""
+    made = make_campaign("filtered", 3, {"sensor-filter": {"f_c": 200.0}}, BASE, **PLAN)
+    write_package(tmp_path, dc.replace(made, known={**made.known, "sensor-filter.f_c": "200 Hz"}))
+    filtered, model = read_campaign(tmp_path), dd.Ball() + dd.effects.SensorFilter(1.0 / 350.0)
+    found = fit(filtered, model)
+    assert found.fixed["sensor-filter.f_c"] == pytest.approx(200.0)
+    assert set(found.parameters) == {"effective_mass", "restitution"} and found.chi2_reduced < 1.2
+    freed = fit(filtered, model, free=["sensor-filter.f_c"]).parameters["sensor-filter.f_c"]
+    assert freed.q025 - 10.0 < 200.0 < freed.q975 + 10.0
+    posed = pose_selection(filtered, model.reference, (), model.effects)
+    place = posed.space.index["sensor-filter.f_c"]
+    assert posed.start[place] == pytest.approx(1.0 / 200.0) and "sensor-filter.f_c" not in posed.base
+    assert dd.effects.SensorFilter not in posed.catalogue
+    plain = pose_selection(filtered, model.reference)
+    assert plain.start[place] == 0.0 and dd.effects.SensorFilter in plain.catalogue
 
 
 @pytest.mark.slow

@@ -56,7 +56,8 @@ def assemble_space(campaign: Campaign, reference: AbstractModel,
     catalogue = tuple(e for e in offered if present.issuperset(e.requires))
     directions = tuple(e for e in family.directions if present.issuperset(e.requires))
     space = ParameterSpace(reference, (*catalogue, *directions), list_commons(campaign))
-    known = {k: v for k, v in campaign.known.items() if v is not None and k in space.index}
+    own = {s.name for s in space.slots if s.owner is None}
+    known = {k: v for k, v in campaign.known.items() if v is not None and k in own}
     file = campaign.path and campaign.path / "datapackage.json"
     for name, value in known.items():
         low, high = space.parameter(name).bounds

@@ -122,13 +122,15 @@ def _fit(campaign: Campaign, wanted: Specification, resolved: ResolvedModel, set
             raise InputError(f"effect {effect.id!r} needs {' and '.join(effect.requires)}, which the model "
                              f"{wanted.model!r} and the campaign {campaign.name!r} do not have")
     space = assembly.space
-    names = _choose_free(assembly, chosen, wanted)
+    held = {name: value for name, value in campaign.known.items() if value is not None and name in space.index}
+    names = _choose_free(assembly, chosen, wanted, set(held))
     if "specification" not in settings:
         settings = {**settings, "command": " ".join([settings["command"], *_write_choices(space, wanted)])}
     given = {**start, **{k: v for k, v in wanted.free.items() if v is not True}}
     brought = {f"{effect.id}.{p.name}": float(p.transform.publish(float(getattr(effect, p.field))))
                for effect in resolved.effects for p in parameters_of(effect)}
-    base = _place_values(space, assembly.start, brought)
+    base = _place_values(space, assembly.start, brought | {
+        name: value for effect in chosen for name in space.of([effect.id]) for value in [held.get(name)] if value})
     base = _place_values(space, base, dict(wanted.fixed) | given)
     priors, limits = _place_priors(space, wanted), _place_bounds(space, wanted)
     chosen_numbers = given | dict(wanted.fixed) | {name: prior.mean for name, prior in wanted.priors.items()}
@@ -335,8 +337,10 @@ def _write_choices(space: ParameterSpace, wanted: Specification) -> list[str]:
             *(write("bound", n, f"{low:g}..{high:g}") for n, (low, high) in wanted.bounds.items())]
 
 
-def _choose_free(assembly: Assembly, chosen: Sequence[type[AbstractEffect]], wanted: Specification) -> list[str]:
-    """Names of the parameters to fit, in the order of the space; refused where names make no sense."""
+def _choose_free(assembly: Assembly, chosen: Sequence[type[AbstractEffect]], wanted: Specification, known: set[str]
+                 ) -> list[str]:
+    """Names of the parameters to fit, in the order of the space, without those of effects that the campaign states as
+    `known`; refused where names make no sense."""
     space, ids = assembly.space, {e.id for e in chosen}
     usable = [s.name for s in space.slots if s.owner is None or s.owner in ids]
     for section in ("free", "fixed", "priors", "bounds"):
@@ -347,7 +351,7 @@ def _choose_free(assembly: Assembly, chosen: Sequence[type[AbstractEffect]], wan
             if section == "free" and name in wanted.fixed:
                 raise InputError(f"{name} is both free and fixed; leave one out", key=section)
     still = () if wanted.nuisances else [common.slot.name for common in space.commons]
-    names = {*assembly.base, *space.of(ids), *wanted.free} - {*wanted.fixed, *still}
+    names = {*assembly.base, *({*space.of(ids)} - known), *wanted.free} - {*wanted.fixed, *still}
     for section in ("priors", "bounds"):
         for name in getattr(wanted, section):
             if name not in names:

@@ -346,7 +346,8 @@ def pose_selection(campaign: Campaign, reference: AbstractModel, extra: Sequence
         given: effects that the model has from the start, with their values; they are no candidates.
         zeros: by channel whose baseline moves in every record how far (see `stack_records`).
         settings: thresholds.
-        fit_given: whether the parameters of `given` are fitted with the reference model's.
+        fit_given: whether the parameters of `given` are fitted with the reference model's, but for those that the
+            campaign states as known.
 
     Raises:
         InputError: a given effect needs what the campaign or the model does not have.
@@ -360,10 +361,12 @@ def pose_selection(campaign: Campaign, reference: AbstractModel, extra: Sequence
             raise InputError(f"the model's effect {effect.id!r} needs {', '.join(missing)}, which campaign "
                              f"{campaign.name!r} or the model does not have")
         for p in parameters_of(effect):
-            start[space.index[f"{effect.id}.{p.name}"]] = p.transform.from_field(float(getattr(effect, p.field)))
+            name, value = f"{effect.id}.{p.name}", float(p.transform.publish(float(getattr(effect, p.field))))
+            stated = campaign.known.get(name)
+            start[space.index[name]] = p.transform.to_unconstrained(value if stated is None else stated)
     taken = {type(effect) for effect in given}
     if fit_given:
-        base += tuple(space.of([effect.id for effect in given]))
+        base += tuple(name for name in space.of([effect.id for effect in given]) if campaign.known.get(name) is None)
     catalogue = tuple(e for e in found.catalogue if e not in taken)
     records, problem, thin = _stack(campaign, space, {}, zeros, settings, {})
     return SelectionProblem(campaign, settings, zeros, space, start, base, tuple(found.catalogue), catalogue,
