@@ -129,8 +129,8 @@ def _fit(campaign: Campaign, wanted: Specification, resolved: ResolvedModel, set
     given = {**start, **{k: v for k, v in wanted.free.items() if v is not True}}
     brought = {f"{effect.id}.{p.name}": float(p.transform.publish(float(getattr(effect, p.field))))
                for effect in resolved.effects for p in parameters_of(effect)}
-    base = _place_values(space, assembly.start, brought | {
-        name: value for effect in chosen for name in space.of([effect.id]) for value in [held.get(name)] if value})
+    stated = {name: held[name] for effect in chosen for name in space.of([effect.id]) if name in held}
+    base = _place_values(space, assembly.start, brought | stated)
     base = _place_values(space, base, dict(wanted.fixed) | given)
     priors, limits = _place_priors(space, wanted), _place_bounds(space, wanted)
     chosen_numbers = given | dict(wanted.fixed) | {name: prior.mean for name, prior in wanted.priors.items()}
