@@ -1,5 +1,6 @@
 """Which effects stay beside the best: by held-out conditions, and where fit and prediction contradict each other."""
 
+import dataclasses as dc
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from ddetumble.contact.law import Ball
 from ddetumble.effects import IMPACT
 from ddetumble.inference.parameters import ParameterSpace
-from ddetumble.selection.forward_selection import CandidateFits, find_alternatives
+from ddetumble.selection.forward_selection import CandidateFits, find_alternatives, is_outdone
 from ddetumble.selection.problem import Fitted
 from ddetumble.selection.settings import SelectionSettings
 
@@ -53,3 +54,16 @@ def test_what_lies_wholly_beyond_physics_is_no_rival(gain, rival):
     fits = {"best": fitted("best", 1000.0, 1100.0), "other": fitted("other", 1000.0, 1105.0, 1, gain)}
     tried = CandidateFits({}, fits, fitted("", 2009.0, 2100.0, 0), ("best", "other"))
     assert bool(find_alternatives(PROBLEM, tried, tried.before)) == rival
+
+
+@pytest.mark.parametrize(("gains", "parameters", "outdone"), [
+    ((5.0, 5.0, 5.0), 1, True),  # 15, alike in all conditions
+    ((3.0, 3.0, 2.9), 1, False),  # less than 9
+    ((14.0, 2.0, -1.0), 1, False),  # 15, of which one condition gives nearly all: within chance
+    ((5.0, 5.0, 5.0), 2, False),  # a further parameter counts 9
+    ((60.0, 2.0, -5.0), 1, True),  # 57 decide whatever their scatter
+])
+def test_a_force_of_no_catalogue_outdoes_effects_beyond_chance_alone(gains, parameters, outdone):
+    best = fitted("best", 1000.0, 1100.0)
+    free = dc.replace(fitted("free", 1000.0, 1100.0, parameters), loss=best.loss - np.repeat(gains, 2) / 2)
+    assert is_outdone(PROBLEM, best, free) == outdone and not is_outdone(PROBLEM, free, best)

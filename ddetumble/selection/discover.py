@@ -37,6 +37,7 @@ from .forward_selection import (
     allow_scatter,
     allow_wander,
     extend_path,
+    is_outdone,
     select_effects,
 )
 from .localise import fit_directions, locate
@@ -394,7 +395,7 @@ def _weigh_steps(selection: SelectionProblem, steps: Sequence[FittedStep]
     if len(steps) == 1:
         return "unexplained", locate(selection, reference.fitted, directions), steps, reference.fitted
     best = min(directions.values(), key=lambda fitted: fitted.merit, default=None)
-    if best is not None and best.merit < final.fitted.merit - limits.significant:
+    if best is not None and is_outdone(selection, final.fitted, best):
         # One force that no catalogue lists does better than the effects together: they only imitate it.
         where = locate(selection, reference.fitted, directions)
         gain, possible = (reference.fitted.merit - one.merit for one in (final.fitted, best))

@@ -439,6 +439,12 @@ def helps(selection: SelectionProblem, current: Fitted, grown: Fitted) -> bool:
                                                  or gain > limits.decisive * unit)
 
 
+def is_outdone(selection: SelectionProblem, fitted: Fitted, other: Fitted) -> bool:
+    """Whether another model predicts left-out conditions better, beyond chance, its further parameters counted."""
+    _, error = compare_losses(fitted.loss, other.loss, selection.groups)
+    return selection.settings.is_beaten(fitted.merit - other.merit, error)
+
+
 def predicts_better(selection: SelectionProblem, current: Fitted, grown: Fitted) -> bool:
     """Whether an addition does not raise the cross-validated error; true where nothing can be left out."""
     return not selection.holds_out or selection.cross_validate(grown) <= selection.cross_validate(current)

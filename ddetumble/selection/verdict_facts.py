@@ -305,5 +305,5 @@ def _tell_verdict(found: Discovery, family: Family, folds: str) -> Sentence:
                    records=records, conditions=conditions, folds=folds)
     if found.verdict == "improved":
         return say("verdict.improved", model=model, choices=list_choices(found), before=before,
-                   after=_level(last, found))
+                   after=_level(last, found), rejected=last.lack_of_fit.rejected)
     return say("verdict.unexplained", model=model, before=before, p=p, candidates=len(found.candidates), folds=folds)
