@@ -58,7 +58,7 @@ def test_one_record_holds_nothing_out(tmp_path, effects, verdict):
 @pytest.mark.slow
 def test_evidence_within_one_condition(tmp_path):
     """Six records of one condition show a lag that no other effect comes near; no held-out number is given for it."""
-    found = dd.discover(write(tmp_path / "six", {"sensor-lag": {"T": 6e-4}}, 5, [0.6e6], [0.6], 6))
+    found = dd.discover(write(tmp_path / "six", {"sensor-lag": {"T": 1.2e-3}}, 5, [0.6e6], [0.6], 6))
     assert found.verdict == "explained" and found.effects == ("sensor-lag",)
     assert found.counts["conditions"] == 1 and all(map(math.isnan, list_held_out(found)))
     # The page says where the law of what it names comes from, and of that alone.
