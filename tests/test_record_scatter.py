@@ -11,9 +11,8 @@ from ddetumble.inference.record_scatter import measure_scatter
 
 
 RECORDS, ROWS = 9, 30
-
-
 EDITIONS = {"impact": 3}  # of the exam: a later one draws other campaigns from the same seed
+
 
 def solve(columns, error, own, weight=None):
     """The least squares of linear records, with standard normal priors of the nuisances."""
