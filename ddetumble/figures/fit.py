@@ -102,8 +102,8 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str | None = None, 
             model = own[trace.record]
             style = "--" if len(traces) == 2 and not lines else "-"
             lines += upper.plot(time, shown.scale * model.model, style, color=colour, lw=1.4, zorder=3)
-            lower.plot(time, np.clip(standardise(model), -limit, limit), ".", color=colour, ms=1.6, mew=0, alpha=0.45)
-            lower.plot(time, np.clip(_smooth(model), -limit, limit), color=colour, lw=1.3)
+            lower.plot(time, standardise(model), ".", color=colour, ms=1.6, mew=0, alpha=0.45)
+            lower.plot(time, _smooth(model), color=colour, lw=1.3)  # what is beyond leaves the strip
         handles = handles or [key_dot(INK, 7, "."), *lines]
         start, end = find_stretch(last.get(trace.record, trace))
         margin = 0.06 * (end - start)
