@@ -74,6 +74,7 @@ def test_help_lists_commands(capsys):
         ["compare", "/no/such/campaign"],
         ["identify", "no-such-campaign"],
         ["discover", "no-such-campaign", "-o", "never"],
+        ["discover", "impact-a", "--effort", "0"],
         ["fit", "no-such-campaign"],
         ["fit", "specification.toml", "--model", "paper"],
         ["fit", "specification.toml", "--effect", "wall-stiffness"],

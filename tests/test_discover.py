@@ -82,6 +82,22 @@ def test_pair_is_found(tmp_path):
     assert set(found.effects) == {"wall-stiffness", "sensor-highpass"}
 
 
+@pytest.mark.slow
+def test_a_search_that_is_cut_short_names_nothing(tmp_path, capsys):
+    """Two effects are hidden: after one round the verdict is undecided, with what was found by then and what was left
+    out; with two effects hidden no single one leaves no misfit."""
+    truth = json.loads((find_data() / "truth.json").read_text())["impact-h"]["effects"]
+    assert main(["discover", "impact-h", "--effort", "1", "-o", str(tmp_path / "out"), "-q"]) == 0
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert (result["verdict"], result["reason"], result["effects"]) == ("undecided", "effort", [])
+    assert result["settings"]["rounds"] == 1 and result["settings"]["thresholds"]["effort"] == 1
+    assert result["unsearched"] and result["confidence"] is None
+    (one,) = result["dropped"]
+    assert {one["effect"], *one["alternatives"]} & set(truth)
+    told = capsys.readouterr().out
+    assert "--effort" in told and one["effect"] in told
+
+
 @pytest.mark.study
 def test_end_stop_is_outside_the_catalogue(tmp_path):
     found = judge(tmp_path, "stop", {"x-end-stop": {"k": 1.5e5, "depth": 5.5e-3}}, 41, repeats=2)

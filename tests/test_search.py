@@ -8,6 +8,7 @@ import pytest
 from helpers_statistics import EFFECTS, TIME, Ripple, Settling, fit_toy, make_selection
 
 from ddetumble.selection import forward_selection
+from ddetumble.selection.effort import count_round, limit_effort, may_search
 from ddetumble.selection.forward_selection import (
     CandidateFits,
     FittedStep,
@@ -23,6 +24,7 @@ from ddetumble.selection.forward_selection import (
     prune,
     refine,
     select_effects,
+    skip_worse,
     try_effects,
 )
 from ddetumble.selection.lack_of_fit import Score
@@ -241,6 +243,41 @@ def test_the_best_is_passed_over():
     assert pass_over(selection, fitted, dc.replace(tried, order=("a", "d"))) is None
 
 
+def test_what_predicts_worse_by_itself_is_skipped(monkeypatch):
+    """Up to the next that predicts better, or to one that helps no more, with which the search ends."""
+    selection, fitted = fit_toy(make_selection(1))
+    fits = {name: dc.replace(fitted, effects=(name,), loss=fitted.loss + k, solution=dc.replace(fitted.solution))
+            for k, name in enumerate("abcd")}
+    tried, asked = CandidateFits(fits, fits, fitted, tuple("abcd")), []
+    monkeypatch.setattr(forward_selection, "helps", lambda s, current, grown: grown.effects != ("d",))
+    for better, first, looked in (("b", "b", "b"), ("c", "c", "bc"), ("", "d", "bc"), ("ad", "d", "bc")):
+        asked.clear()
+        monkeypatch.setattr(forward_selection, "predicts_better", lambda s, current, grown, better=better: (
+            asked.append(grown.effects[0]) or grown.effects[0] in better))
+        rest = skip_worse(selection, fitted, tried)
+        assert rest.order[0] == first and "".join(asked) == looked
+    monkeypatch.setattr(forward_selection, "helps", lambda s, current, grown: True)
+    monkeypatch.setattr(forward_selection, "predicts_better", lambda s, current, grown: False)
+    assert skip_worse(selection, fitted, tried) is None
+
+
+def test_a_search_ends_with_its_rounds(monkeypatch):
+    """A first round is always done; what would take another is left out by name, once, and nothing is of a search
+    that comes to its end in time."""
+    additions = [("a", 500.0, True), ("ab", 300.0, True), ("abc", 200.0, False)]
+    for limit, expected in ((1, ["", "a"]), (2, ["", "a", "ab"]), (3, ["", "a", "ab", "abc"])):
+        steps = Steps(monkeypatch, additions)
+        counted = forward_selection.try_effects
+        monkeypatch.setattr(forward_selection, "try_effects", lambda *given, counted=counted: (
+            count_round(), counted(*given))[1])
+        with limit_effort(limit) as effort:
+            count_round()  # beside the reference model
+            assert effects_of(steps.run()) == expected
+            assert not may_search("x") if limit == effort.done else may_search("x")
+        assert effort.done == limit and len(effort.left_out) == (2 if limit < 3 else 1)
+    assert may_search("anything outside")
+
+
 class Steps:
     """A search whose additions are told beforehand, and what it does with each."""
 
@@ -251,7 +288,7 @@ class Steps:
             e.id for e in s.catalogue if e.id not in current.effects))
         monkeypatch.setattr(forward_selection, "predicts_better", lambda s, current, grown: (
             grown.effects not in worse and (grown.effects, s.name) not in worse))
-        monkeypatch.setattr(forward_selection, "pass_over", lambda s, current, tried: tried[1:] or None)
+        monkeypatch.setattr(forward_selection, "skip_worse", lambda s, current, tried: tried[1:] or None)
         levels = iter(noise)
         monkeypatch.setattr(forward_selection, "measure_noise", lambda *given: next(levels, given[-1]))
         monkeypatch.setattr(forward_selection, "changed", lambda before, after, settings: before != after)

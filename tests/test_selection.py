@@ -1,6 +1,7 @@
 """Forward selection: it finds what is missing and nothing else, and every rule and threshold of it takes effect."""
 
 import dataclasses as dc
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -50,7 +51,7 @@ from ddetumble.selection.forward_selection import (
     try_effects,
 )
 from ddetumble.selection.lack_of_fit import Score, hold_settings, is_moved, judge_fit, measure_shifts
-from ddetumble.selection.problem import fit_reference, pose_selection
+from ddetumble.selection.problem import PredictionError, fit_reference, pose_selection
 from ddetumble.selection.settings import SelectionSettings
 
 
@@ -112,16 +113,27 @@ def test_what_is_missing_is_found(truth, expected):
 
 
 def test_no_step_raises_the_cross_validated_error():
-    """Whatever else speaks for an addition."""
-    errors = {"before": 1.0, "same": 1.0, "better": 0.9, "worse": 1.1}
-    for holds_out, expected in ((True, (True, True, False)), (False, (True, True, True))):
-        selection = SimpleNamespace(holds_out=holds_out, cross_validate=errors.get)
-        assert tuple(predicts_better(selection, "before", x) for x in ("same", "better", "worse")) == expected
+    """Whatever else speaks for an addition; by a hundredth it may where its loss falls beyond chance: by at least nine
+    noise variances, and by two standard errors over the conditions."""
+    losses = {"far": np.full(8, 90.0), "little": np.full(8, 99.0), "one": np.r_[np.full(7, 100.0), 50.0],
+              "before": np.full(8, 100.0)}
+
+    def judge(error, loss, holds_out=True, unit=1.0):
+        answers = {"before": PredictionError(np.full(8, 1.0 / 8), 0.95, losses["before"]),
+                   "after": PredictionError(np.full(8, error**2 / 8), 0.95, losses[loss])}
+        return predicts_better(SimpleNamespace(
+            holds_out=holds_out, predict=lambda model, adjust: answers[model], groups=np.arange(8),
+            settings=SelectionSettings(), disperse=lambda fitted: unit), "before", "after")
+
+    assert judge(0.9, "before") and judge(1.0, "before") and judge(1.1, "before", holds_out=False)
+    assert not judge(1.1, "far") and not judge(1.011, "far") and not judge(math.nan, "far")
+    assert judge(1.009, "far") and not judge(1.009, "little") and not judge(1.009, "one")
+    assert not judge(1.009, "far", unit=9.0) and not judge(1.009, "before")
     selection, fitted = fit_toy(make_selection(1, {"ripple.a": 0.5}))
 
     class Never(type(selection)):
-        def cross_validate(self, fitted):
-            return float(len(fitted.effects))
+        def predict(self, fitted, adjust=False):
+            return PredictionError(np.full(1, 1.0 + len(fitted.effects)), 0.95)
 
     never = Never(**{f.name: getattr(selection, f.name) for f in dc.fields(selection)})
     path = select_effects(never, fitted)

@@ -1,5 +1,6 @@
 """Commands that hold a model against a campaign: `compare`, `discover`, `missing` and `identify`."""
 
+import dataclasses as dc
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
@@ -103,6 +104,10 @@ def discover_effects(
     effect: Annotated[Texts, option(
         "FILE.py:NAME", "Try this effect of your own beside the catalogue; may be repeated.", "-e", "--effect")] = None,
     effects_from: Annotated[Path | None, option("FILE.py", "Try all effects of this file of yours.")] = None,
+    effort: Annotated[int | None, option(
+        "ROUNDS", "Search at most so many rounds, in each of which every effect is tried beside a model; the verdict "
+                  "says what was left out for want of more. If not given, as many as hardly any campaign needs.",
+        min=1)] = None,
     keep_all: KeepAll = False,
     overwrite: Overwrite = False,
 ):
@@ -114,12 +119,14 @@ def discover_effects(
     with open_folder(target, "discover", overwrite) as out, show_progress(f"looking at {measured.name}") as report:
         from ..reports import write_report
         from ..selection.discover import discover
+        from ..selection.settings import DEFAULT
         from ..selection.verdict_facts import find_nearer
 
         named, held = resolve_own(effect, effects_from)
         own = list(dict.fromkeys([*named, *held]))
         _prove_contracts(own, model, measured.family)
-        result = discover(measured, model=model, effects=own, keep_all=keep_all, progress=report)
+        result = discover(measured, model=model, effects=own, keep_all=keep_all, progress=report,
+                          settings=DEFAULT if effort is None else dc.replace(DEFAULT, effort=effort))
         report("writing the report", 0.95)
         result.save(out.draft)
         page = out.place(write_report(result, out.draft))

@@ -16,12 +16,6 @@ NORMAL_95 = 1.959964  # two-sided 95 % quantile of the normal distribution
 # Standard deviation of a parameter, in typical changes, beyond which all conditions together tell nothing of it: with
 # one left out, rounding would send it far away, to where the model is another.
 FARTHEST = 10.0
-# Times the linearised loss of a condition that is left out, from which on the exact one shows that the step to the fit
-# without it was too long: what a shape such as a speed scale does to a force is no straight line.
-BENT = 2.0
-# Noise variances a sample of a condition that is left out, from which on its linearised loss is no figure to go by: a
-# model that misses by so much may as well be one whose straight line led it far away.
-FAR_OFF = 4.0
 BEYOND = 1e12  # noise variances that a prediction misses by at most: past any meaning, and still finite
 
 
@@ -41,8 +35,10 @@ def leave_out(solution: Solution, groups: np.ndarray) -> np.ndarray:
     return loss
 
 
-def refit_far_off(problem: Problem, solution: Solution, groups: np.ndarray, loss: np.ndarray) -> np.ndarray:
-    """The losses of `leave_out`, shape (records,), but of conditions that these put far off those of fits without.
+def refit_far_off(problem: Problem, solution: Solution, groups: np.ndarray, loss: np.ndarray,
+                  far_off: float = DEFAULT.far_off) -> np.ndarray:
+    """The losses of `leave_out`, shape (records,), but those of fits without where they are more than `far_off` noise
+    variances a sample.
 
     Where too few others tell a parameter, one Gauss-Newton step goes anywhere. A condition whose fit cannot be computed
     keeps the linearised loss.
@@ -50,7 +46,7 @@ def refit_far_off(problem: Problem, solution: Solution, groups: np.ndarray, loss
     exact, used = loss.copy(), np.sum(solution.residual != 0, axis=1)
     for group in np.unique(groups) if solution.names else ():
         out = groups == group
-        if loss[out].sum() > FAR_OFF * used[out].sum():
+        if loss[out].sum() > far_off * used[out].sum():
             with contextlib.suppress(ComputationError):
                 u, _ = _fit_others(problem, solution, out, adjust=False)
                 there = problem.solve((), u, solution.z, tolerance=1e-2)
@@ -81,13 +77,14 @@ class LeftOut(NamedTuple):
 
     channels: np.ndarray  # shape (records, channels, samples), SI, NaN in records that could not be computed
     used: np.ndarray  # which samples count, shape (records, samples)
+    loss: np.ndarray  # of every record, in noise variances, the priors of its settings included, shape (records,)
     # Share of the whitened residuals within the 95 % interval of a new measurement, from the linearised model:
     # parameters, settings as far as they are not adjusted, and noise.
     coverage: float
 
 
 def predict_left_out(problem: Problem, solution: Solution, groups: np.ndarray, share: float = DEFAULT.early,
-                     adjust: bool = True) -> LeftOut:
+                     adjust: bool = True, bent: float = DEFAULT.bent) -> LeftOut:
     """Every record by the model fitted without its condition: the parameters by one Gauss-Newton step (as in
     `leave_out`), or by a fit where that leads astray, then the exact model.
 
@@ -96,6 +93,7 @@ def predict_left_out(problem: Problem, solution: Solution, groups: np.ndarray, s
     Args:
         adjust: whether the left-out record's own settings suit it best within their stated uncertainty, which makes the
             cross-validated error; else they stand as they are written down, which makes the prediction error.
+        bent: times the linearised loss, beyond which the exact one shows that a step led astray.
     """
     records, free_running = problem.records, problem.space.family.free_running
     samples, count = np.asarray(records.stack.time).shape[1], records.count
@@ -126,17 +124,19 @@ def predict_left_out(problem: Problem, solution: Solution, groups: np.ndarray, s
         at = problem.solve(solution.names, u, z, moving=False)
         with np.errstate(over="ignore"):  # of a step that leads astray it may be infinite
             exact = np.sum(at.residual**2, axis=1) + np.sum(z**2, axis=1)
-        bent = [out for out in (groups == g for g in np.unique(groups))
-                if exact[out].sum() > BENT * linear[out].sum()] if solution.names and not free_running else []
-        for out in bent:
+        astray = [out for out in (groups == g for g in np.unique(groups))
+                  if exact[out].sum() > bent * linear[out].sum()] if solution.names and not free_running else []
+        for out in astray:
             with contextlib.suppress(ComputationError):
                 u[out], z[out] = _fit_others(problem, solution, out, adjust)
-        if bent:
+        if astray:
             at = problem.solve(solution.names, u, z, moving=False)
     except ComputationError:
-        return LeftOut(np.full((count, len(records.channels), samples), np.nan), seen, coverage)
-    failed = np.isin(records.keys, at.failed)[:, None, None]
-    return LeftOut(np.where(failed, np.nan, at.channels), seen, coverage)
+        return LeftOut(np.full((count, len(records.channels), samples), np.nan), seen, np.full(count, np.nan), coverage)
+    failed = np.isin(records.keys, at.failed)
+    with np.errstate(over="ignore"):
+        loss = np.fmin(np.sum(at.residual**2, axis=1) + np.sum(z**2, axis=1), BEYOND)
+    return LeftOut(np.where(failed[:, None, None], np.nan, at.channels), seen, np.where(failed, np.nan, loss), coverage)
 
 
 def _fit_others(problem: Problem, solution: Solution, out: np.ndarray, adjust: bool) -> tuple[np.ndarray, np.ndarray]:

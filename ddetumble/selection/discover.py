@@ -29,6 +29,7 @@ from ..measurement.units import Uncertainty
 from .bias import SettingBias, find_bias, join_alike, matches_effects, stand_in
 from .describe import describe_candidates, describe_noise, describe_spread, describe_step, list_loose, make_fit
 from .discovery import Discovery
+from .effort import Effort, limit_effort, may_search
 from .explanations import list_added, list_explanations
 from .forward_selection import (
     FittedStep,
@@ -87,40 +88,45 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     def begin(campaign: Campaign, zeros: Zeros, reference=asked.reference, given=asked.effects):
         return fit_reference(pose_selection(campaign, reference, effects, given, zeros, settings))
 
-    state, path = _select_from_clean(begin, begin_cleaning(campaign, keep_all, settings), settings, report)
-    name, others = asked.name, {}
-    path, shared, instead = _allow_bias(allow_scatter(path, report), begin, state, report)
-    path = allow_wander(path, report)
-    # A wrong unit that would explain what is odd about the campaign is asked about before any physics is named.
-    questions = tuple(str(one) for one in check_plausibility(state.campaign) if one.mistakes)
-    if not questions:
-        report("asking whether pressures and diameters are stated rightly", 0.877)
-        restated = find_restatement(state.campaign, path, lambda campaign: begin(campaign, state.zeros),
-                                    shared is not None, settings, report)
-        if restated is not None:
-            one, beside = restated
-            questions = (say(f"verdict.{one.macro}", **one.facts, effects=list(beside), model=repr(asked.name)),)
-    # As many effects as may stand without other reference models explain nothing, or one beyond what physics allows.
-    open_ended = len(path.steps[-1].fitted.effects) >= settings.effects_before_rivals or path.keep_physical()[1]
-    if open_ended and not path.is_explained() and not questions:
-        report("trying the other reference models", 0.88)
-        fits = _fit_references(asked, begin, state, path.steps[0].fitted, settings, report)
-        others = _search_beside(fits, settings, report)
-        # Where no condition can be left out, nothing confirms the effects beside another reference model: only one that
-        # needs none of them counts. Of several the one with the fewest parameters. Where effects beyond physics leave
-        # no misfit, as a wrong range does, another model with more parameters than theirs only imitates them.
-        last = path.steps[-1]
-        fewest = np.inf if last.lack.rejected else len(last.fitted.solution.names)
-        good = {n: other.steps[-1].fitted for n, other in others.items()
-                if other.is_explained() and (other.selection.holds_out or len(other.steps) == 1)
-                and len(other.steps[-1].fitted.solution.names) <= fewest}
-        if good:
-            name = min(good, key=lambda n: (len(good[n].solution.names), good[n].merit))
-            path = others[name]
-        else:
-            path = extend_path(path, settings.most_effects, report)
-    end = _doubt_record(_conclude(path, bool(questions), report), state,
-                        any(noise.slow_sd for noise in path.selection.noise.values()))
+    with limit_effort(settings.effort) as effort:
+        state, path = _select_from_clean(begin, begin_cleaning(campaign, keep_all, settings), settings, report)
+        name, others = asked.name, {}
+        path, shared, instead = _allow_bias(allow_scatter(path, report), begin, state, report)
+        path = allow_wander(path, report)
+        # A wrong unit that would explain what is odd about the campaign is asked about before any physics is named.
+        questions = tuple(str(one) for one in check_plausibility(state.campaign) if one.mistakes)
+        units = "a check whether pressures and diameters are stated rightly"
+        if not questions and (not path.steps[0].lack.rejected or may_search(units)):
+            report("asking whether pressures and diameters are stated rightly", 0.877)
+            restated = find_restatement(state.campaign, path, lambda campaign: begin(campaign, state.zeros),
+                                        shared is not None, settings, report)
+            if restated is not None:
+                one, beside = restated
+                questions = (say(f"verdict.{one.macro}", **one.facts, effects=list(beside), model=repr(asked.name)),)
+        # As many effects as may stand without other reference models explain nothing, or one beyond what physics
+        # allows.
+        open_ended = len(path.steps[-1].fitted.effects) >= settings.effects_before_rivals or path.keep_physical()[1]
+        if open_ended and not path.is_explained() and not questions:
+            report("trying the other reference models", 0.88)
+            fits = _fit_references(asked, begin, state, path.steps[0].fitted, settings, report)
+            others = _search_beside(fits, settings, report)
+            # Where no condition can be left out, nothing confirms the effects beside another reference model: only one
+            # that needs none of them counts. Of several the one with the fewest parameters. Where effects beyond
+            # physics leave no misfit, as a wrong range does, another model with more parameters than theirs only
+            # imitates them.
+            last = path.steps[-1]
+            fewest = np.inf if last.lack.rejected else len(last.fitted.solution.names)
+            good = {n: other.steps[-1].fitted for n, other in others.items()
+                    if other.is_explained() and (other.selection.holds_out or len(other.steps) == 1)
+                    and len(other.steps[-1].fitted.solution.names) <= fewest}
+            if good:
+                name = min(good, key=lambda n: (len(good[n].solution.names), good[n].merit))
+                path = others[name]
+            else:
+                path = extend_path(path, settings.most_effects, report)
+        end = _doubt_record(_conclude(path, bool(questions), report), state,
+                            any(noise.slow_sd for noise in path.selection.noise.values()))
+    end = _leave_open(end, effort)
     reached = {n: (other.selection, other.steps[-1]) for n, other in others.items()}
     last = end.steps[-1].fitted.solution
     if end.verdict in OPEN and not others and path.selection.reduce_chi2(last) > settings.far:
@@ -136,7 +142,7 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     rivals = [last.tried.refined[e] for e, _, _ in last.alternatives] if last.tried is not None else []
     made = (tuple(partial(make_fit, selection, step.fitted, name, verdict) for step in steps),
             tuple(partial(make_fit, selection, rival, name, verdict) for rival in rivals))
-    unsure = (questions or end.irregular or end.unrepeated or end.rounding is not None
+    unsure = (questions or end.irregular or end.unrepeated or end.stopped or end.rounding is not None
               or any(fault.kind == "doubtful" for fault in state.faults))
     sufficient = [] if unsure else [c.effect for c in candidates if c.explains > settings.largest_part]
     dropped, unproven = list_added(end.dropped) if end.dropped else (), (path, end.dropped or steps, end.biases)
@@ -150,11 +156,12 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
         where=tuple(end.where), noise_nrmse=nrmse(described[0].traces, noise=True), noise=describe_noise(selection),
         sentence="", settings=settings, counts={
             "records": selection.records.count, "samples": int(selection.records.lengths.sum()),
-            "conditions": count_conditions(campaign.records), "seconds": round(time.perf_counter() - began, 2)},
+            "conditions": count_conditions(campaign.records), "rounds": effort.done,
+            "seconds": round(time.perf_counter() - began, 2)},
         faults=state.faults, doubts=doubts, references=tuple(
             _describe_reference(n, kind.models[n].text, *one, selection.noise) for n, one in reached.items()),
         spread=describe_spread(selection), irregular=end.irregular, unrepeated=end.unrepeated,
-        biases=tuple(end.biases), shared_error=shared,
+        unsearched=effort.left_out if end.stopped else (), biases=tuple(end.biases), shared_error=shared,
         rounding=end.rounding, dropped=dropped, explanations=explanations,
         missing=end.missing if isinstance(end.missing, MissingForce) and not end.irregular else None,
         made=(*made, makers))
@@ -162,6 +169,8 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     found = dc.replace(found, reason=name_reason(found, bool(questions)))
     notes = list_notes(found, family, left_out, asked.name, end.missing if isinstance(end.missing, str) else "",
                        list_exact(campaign) if rejected else [], list_loose(selection, last.fitted.solution))
+    if effort.left_out and not end.stopped:
+        notes.append(say("verdict.unsearched", rounds=effort.done, searches=list(effort.left_out)))
     at = last.fitted.solution
     if told := widen_intervals(selection.problem, at, selection.noise, bool(selection.spread), settings.scatter).tell():
         notes.append(told)
@@ -180,6 +189,8 @@ def _select_from_clean(begin: Begin, state: Cleaned, settings: SelectionSettings
                        ) -> tuple[Cleaned, Path]:
     """Forward selection on the campaign without its faults; what is found to be one begins it again."""
     def search_again(campaign):
+        if not may_search("a search without the record that stands out"):
+            return None
         report("looking behind a record", 0.87)
         inner = nest_progress(report, "looking behind a record", 0.87, 0.87)
         path = allow_wander(allow_scatter(select_effects(*begin(campaign, state.zeros), inner), inner), inner)
@@ -230,7 +241,7 @@ def _allow_bias(path: Path, begin: Begin, state: Cleaned, report: Progress) -> A
         ones = sorted((one for ones in later for one in ones if matches_effects(
             [one], last.fitted.merit, selection.find_effects(one.effects))), key=lambda one: one.merit)
         seen = join_alike(ones[0], ones, settings) if ones else None
-    if seen is None:
+    if seen is None or not may_search("a search with an error of one setting that all records share"):
         return Allowed(path, None)
     report("allowing for a setting that is wrong alike in all records", 0.872)
     column = dc.replace(state.campaign.conditions[seen.name], common=Uncertainty(relative=settings.bias))
@@ -284,6 +295,7 @@ class Conclusion:
     unphysical: tuple[Sequence[str], Sequence[Unphysical]] | None  # effects that need values beyond what physics allows
     irregular: bool = False  # whether what is left may be noise or settings that are not as stated
     unrepeated: bool = False  # the same of all of the misfit, as so few records do not show whether it repeats
+    stopped: bool = False  # whether rounds were spent before the search came to its end
     rounding: Rounding | None = None
     biases: Sequence[SettingBias] = ()
     dropped: Sequence[FittedStep] = ()  # the search whose effects gave way to what is open, with the first step
@@ -363,6 +375,15 @@ def _doubt_record(end: Conclusion, state: Cleaned, wander: bool) -> Conclusion:
         return dc.replace(end, verdict="undecided", steps=end.steps[:1], where=[], missing=None, biases=(),
                           irregular=False, unrepeated=False, dropped=())
     return end
+
+
+def _leave_open(end: Conclusion, effort: Effort) -> Conclusion:
+    """The same, undecided where searches were left out that might have found other effects, or noise and settings in
+    their place."""
+    if not effort.left_out or end.verdict not in (*OPEN, "explained"):
+        return end
+    return Conclusion("undecided", end.steps[:1], [], None, None, stopped=True,
+                      dropped=end.dropped or (end.steps if len(end.steps) > 1 else ()))
 
 
 def _decide(selection: SelectionProblem, steps: Sequence[FittedStep], visible: bool, questions: bool
@@ -457,6 +478,8 @@ def _search_beside(fits: Sequence[tuple[str, SelectionProblem, Fitted]], setting
     """Forward selection beside the best of other reference models, by their names."""
     found = {}
     for name, selection, alone in fits[: settings.rival_references]:
+        if not may_search(f"a search beside the reference model {name}"):
+            break
         with contextlib.suppress(ComputationError):
             found[name] = select_effects(selection, alone, nest_progress(
                 report, f"with the reference model {name}", 0.88, 0.88))

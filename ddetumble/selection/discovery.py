@@ -60,8 +60,8 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
         spread: settings that scatter more than stated, which the fits allow for.
         biases: errors of single settings, shared by all records, that explain them as well as the effects do.
         shared_error: of one setting in all records, which the models allow for beside what the campaign states.
-        reason: why the verdict is `undecided`: `unit`, `setting`, `record`, `rounding`, `noise`, `conditions` (too few)
-            or `records` (too few or too short); empty for any other.
+        reason: why the verdict is `undecided`: `unit`, `setting`, `record`, `rounding`, `noise`, `conditions` (too
+            few), `effort` (rounds were spent) or `records` (too few or too short); empty for any other.
         rounding: effects that change no more than the digits of the gauge might; the verdict is then `undecided`.
         dropped: effects that gave way to an error of a setting, to rounding, or to noise of no kind that is modelled,
             each with those it was not told from.
@@ -72,6 +72,8 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
             might.
         unrepeated: whether the verdict is `undecided` as so few records do not show if the misfit repeats over them: it
             may be noise or settings that are not as stated.
+        unsearched: searches that were left out for want of rounds (`settings.effort`), if the verdict is `undecided` as
+            they might have found something else.
         missing: the missing force itself, for the verdicts `improved` and `unexplained`.
         made: what makes the fits: of every step, of the rivals of the last one, and of the explanations.
     """
@@ -104,6 +106,7 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
     explanations: tuple[Explanation, ...] = ()
     irregular: bool = False
     unrepeated: bool = False
+    unsearched: tuple[str, ...] = ()
     missing: MissingForce | None = None
     made: tuple[Makers, Makers, Makers] = dc.field(default=((), (), ()), repr=False, compare=False)
 
@@ -225,7 +228,7 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
             "parameters": last.parameters, "correlations": last.correlations, "nuisances": list_shifts(last.shifts),
             "lack_of_fit": self.steps[0].lack_of_fit, "setting_spread": self.spread,
             "setting_biases": self.biases, "shared_error": self.shared_error, "rounding": self.rounding,
-            "reason": self.reason,
+            "reason": self.reason, "unsearched": self.unsearched,
             "dropped": [{"effect": effect, "alternatives": others} for effect, others in self.dropped],
             "explanations": self.explanations,
             "allowances": self.allowances,

@@ -20,6 +20,7 @@ from ..inference.noise_estimation import changed, has_more_hum, measure_noise
 from ..inference.problem import Solution
 from ..inference.variance_components import find_slow_noise
 from .cross_validation import compare_losses
+from .effort import count_round, may_search
 from .lack_of_fit import Score
 from .localise import find_line
 from .problem import Fitted, SelectionProblem
@@ -101,6 +102,8 @@ def extend_path(path: Path, most: int, report: Progress = stay_silent) -> Path:
     while steps[-1].lack.rejected and len(steps) <= most:
         share = min(0.6 + 0.1 * len(steps), 0.85)
         current = steps[-1]
+        if tried is None and not may_search(f"a search beside {' + '.join(current.fitted.effects)}"):
+            break
 
         def tell(text, _, share=share):
             report(text, share)
@@ -121,7 +124,7 @@ def extend_path(path: Path, most: int, report: Progress = stay_silent) -> Path:
                 break
             continue
         if not predicts_better(selection, current.fitted, more.fitted):
-            tried = pass_over(selection, current.fitted, tried)
+            tried = skip_worse(selection, current.fitted, tried)
             if tried is None:
                 break
             continue
@@ -263,6 +266,7 @@ def try_effects(selection: SelectionProblem, current: Fitted, scores: Sequence[S
 
     All are fitted loosely, long records thinned; those that come near the best are fitted to all samples to the end.
     """
+    count_round()
     effects = [effect.id for effect in selection.catalogue if effect.id not in current.effects]
     before, space = current, selection.space
     if selection.thin is not None:
@@ -446,8 +450,21 @@ def is_outdone(selection: SelectionProblem, fitted: Fitted, other: Fitted) -> bo
 
 
 def predicts_better(selection: SelectionProblem, current: Fitted, grown: Fitted) -> bool:
-    """Whether an addition does not raise the cross-validated error; true where nothing can be left out."""
-    return not selection.holds_out or selection.cross_validate(grown) <= selection.cross_validate(current)
+    """Whether an addition does not raise the cross-validated error; true where nothing can be left out.
+
+    It may rise by next to nothing (`settings.same_error`) where the loss in noise variances falls beyond chance: of two
+    channels the one with more noise for its signal weighs more in the error, and the other may tell all there is.
+    """
+    if not selection.holds_out:
+        return True
+    before, after = (selection.predict(one, adjust=True) for one in (current, grown))
+    if after.nrmse <= before.nrmse:
+        return True
+    if not after.nrmse <= (1.0 + selection.settings.same_error) * before.nrmse:
+        return False
+    gain, error = compare_losses(before.loss, after.loss, selection.groups)
+    unit = selection.disperse(grown)
+    return selection.settings.is_significant(gain / unit, error / unit)
 
 
 def pass_over(selection: SelectionProblem, current: Fitted, tried: CandidateFits) -> CandidateFits | None:
@@ -460,6 +477,19 @@ def pass_over(selection: SelectionProblem, current: Fitted, tried: CandidateFits
     refined = refined or refine(selection, current, tried.screened, tried.before, rest)
     first = sorted(refined, key=lambda effect: (is_beyond(selection, current, refined[effect]), refined[effect].merit))
     return dc.replace(tried, refined=refined, order=(*first, *(effect for effect in rest if effect not in refined)))
+
+
+def skip_worse(selection: SelectionProblem, current: Fitted, tried: CandidateFits) -> CandidateFits | None:
+    """The same without the best candidate, which predicts left-out conditions worse even when exchanged, and without
+    those after it that do so by themselves: they are not worth the rounds of an exchange each. None where no other is
+    left."""
+    rest = pass_over(selection, current, tried)
+    while rest is not None:
+        best = rest.refined[rest.order[0]]
+        if not helps(selection, current, best) or predicts_better(selection, current, best):
+            return rest
+        rest = pass_over(selection, current, rest)
+    return None
 
 
 def allow_scatter(path: Path, report: Progress = stay_silent) -> Path:
@@ -480,7 +510,8 @@ def allow_scatter(path: Path, report: Progress = stay_silent) -> Path:
             break
         report("allowing for settings that scatter more than stated", 0.87)
         selection = path.selection.loosen(spread)
-        if not _would_do(selection, last):
+        if not (_would_do(selection, last)
+                and may_search("a search with settings that scatter more than stated")):
             break
         reference = selection.repeat(path.steps[0].fitted)
         found = select_effects(selection.span(reference.solution), reference,
@@ -522,7 +553,7 @@ def allow_wander(path: Path, report: Progress = stay_silent) -> Path:
         return path
     report("allowing for baselines that wander", 0.875)
     wider = dc.replace(selection.restack(slow.noise), noise=slow.noise)
-    if not _would_do(wider, last.fitted):
+    if not (_would_do(wider, last.fitted) and may_search("a search with baselines that wander")):
         return path
     reference = wider.repeat(path.steps[0].fitted)
     found = allow_scatter(select_effects(wider.span(reference.solution), reference, nest_progress(
@@ -554,6 +585,8 @@ def exchange_effects(selection: SelectionProblem, chosen: Fitted, tried: Candida
     for _ in range(2):
         before = chosen
         for place in range(len(chosen.effects) - 1):
+            if not may_search(f"exchanges of {chosen.effects[place]} for another effect"):
+                break
             start = _drop(selection, chosen, chosen.effects[place])
             if start is None:
                 continue

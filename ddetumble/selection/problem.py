@@ -70,6 +70,8 @@ class PredictionError(NamedTuple):
 
     squares: np.ndarray  # of `nrmse` by record, shape (records,): their sum is its square
     coverage: float  # share of the samples (whitened) within the predicted 95 % interval of a new measurement
+    # Of every record in noise variances, the priors of its settings included, shape (records,); empty where not known.
+    loss: np.ndarray = np.zeros(0)
 
     @property
     def nrmse(self) -> float:
@@ -241,7 +243,7 @@ class SelectionProblem:
         if self.family.free_running:
             return fitted
         problem = self.thin if fitted.thinned and self.thin is not None else self.problem
-        loss = refit_far_off(problem, fitted.solution, self.groups, fitted.loss)
+        loss = refit_far_off(problem, fitted.solution, self.groups, fitted.loss, self.settings.far_off)
         return dc.replace(fitted, loss=loss, forecast=loss)
 
     def predict(self, fitted: Fitted, adjust: bool = False) -> PredictionError:
@@ -250,8 +252,8 @@ class SelectionProblem:
         if not self.holds_out:
             return PredictionError(np.full(self.records.count, np.nan), float("nan"))
         problem = self.thin if fitted.thinned and self.thin is not None else self.problem
-        found = predict_left_out(problem, fitted.solution, self.groups, self.settings.early, adjust)
-        return PredictionError(split_error(problem.records, found.channels, found.used), found.coverage)
+        found = predict_left_out(problem, fitted.solution, self.groups, self.settings.early, adjust, self.settings.bent)
+        return PredictionError(split_error(problem.records, found.channels, found.used), found.coverage, found.loss)
 
     def reduce_chi2(self, solution: Solution) -> float:
         """Chi-square of a fit per degree of freedom, counted as by `fit`: a prior is one more value; of values, without

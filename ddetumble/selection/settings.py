@@ -80,6 +80,8 @@ class SelectionSettings:
         better_fit: share of the misfit that the best removes, by which another has to remove more to stay in doubt.
         majority: share of the conditions that an addition has to predict better where the gain is not significant over
             their scatter.
+        same_error: share by which an addition may raise the cross-validated error where its loss in noise variances
+            falls beyond chance: what no sentence calls a change.
         screening_samples: samples of a record on which candidates are screened.
         screening_steps: Gauss-Newton steps of a screening fit.
         unfinished: share of the best candidate's gain that a screening fit which has not converged may still make.
@@ -87,6 +89,12 @@ class SelectionSettings:
         strayed: typical changes that a parameter has moved from its guess, from which on fits start from the guess too.
         same_fit: drop of chi-square, to the end of a fit, within which its lack of fit is not judged again.
         early: share of a left-out record that gives what it starts from, where records run on from where they start.
+        bent: times the linearised loss of a condition that is left out, from which on the exact one shows that the step
+            to the fit without it was too long, and that fit is made: what a shape such as a speed scale does to a force
+            is no straight line.
+        far_off: noise variances a sample of a condition that is left out, from which on its linearised loss is no
+            figure to go by, and the fit without it is made: a model that misses by so much may as well be one whose
+            straight line led it far away.
         bootstrap: draws of the parametric bootstrap of the score statistic of few long records.
         certain: p-value of the smooth misfit below which one effect that removes all of it is no imitation.
         imitation: share of what one unlisted force gains below which effects together only imitate it.
@@ -104,6 +112,10 @@ class SelectionSettings:
         power: probability with which the smallest detectable amplitude is found.
         collinear: |cosine| of two signatures from which on they cannot be told apart.
         invisible: share of its signature below which an effect cannot be identified.
+        effort: rounds, in each of which every effect is tried beside some model, after which a search ends and the
+            verdict says what was left out: room for every search that a verdict may need (a pair with its exchanges,
+            loose settings, baselines that wander, a record left out, other units, other reference models), four rounds
+            each.
         rounds: of leaving out faulty records and beginning again, at most.
         most_samples: that are searched: hundreds of fits to them take some ten minutes.
         little: share of a misfit that a force of any variable removes on left-out conditions, up to which the misfit
@@ -136,6 +148,7 @@ class SelectionSettings:
     further_finalists: int = 2
     better_fit: float = 0.25
     majority: float = 0.6
+    same_error: float = 0.01
     screening_samples: int = 768
     screening_steps: int = 8
     unfinished: float = 0.25
@@ -143,6 +156,8 @@ class SelectionSettings:
     strayed: float = 3.0
     same_fit: float = 1.0
     early: float = 0.25
+    bent: float = 2.0
+    far_off: float = 4.0
     bootstrap: int = 4000
     certain: float = 1e-6
     imitation: float = 0.5
@@ -157,6 +172,7 @@ class SelectionSettings:
     power: float = 0.95
     collinear: float = 0.97
     invisible: float = 0.002
+    effort: int = 40
     rounds: int = 4
     most_samples: int = 100_000
     little: float = 0.2

@@ -184,7 +184,7 @@ def _rests_on_record(found: Discovery) -> bool:
     wanders = any(one.get("slow_sd") for one in found.noise.values())
     return (found.verdict == "undecided" and (found.steps[0].lack_of_fit.rejected or wanders) and not found.biases
             and found.rounding is None and not found.irregular and not found.unrepeated
-            and bool(_list_doubtful(found)))
+            and not found.unsearched and bool(_list_doubtful(found)))
 
 
 def name_reason(found: Discovery, units: bool) -> str:
@@ -194,7 +194,7 @@ def name_reason(found: Discovery, units: bool) -> str:
         return ""
     reasons = (("unit", units and bool(found.doubts)), ("setting", bool(found.biases)),
                ("record", _rests_on_record(found)), ("rounding", found.rounding is not None),
-               ("noise", found.irregular or found.unrepeated),
+               ("noise", found.irregular or found.unrepeated), ("effort", bool(found.unsearched)),
                ("conditions", found.steps[0].lack_of_fit.rejected), ("records", True))
     return next(name for name, holds in reasons if holds)
 
@@ -272,6 +272,9 @@ def _tell_verdict(found: Discovery, family: Family, folds: str) -> Sentence:
         return say("verdict.rounding", model=model, before=before, p=p, effects=list(found.rounding.effects),
                    choices=[(added, list(others)) for added, others in found.dropped],
                    channels=list(found.rounding.digits))
+    if found.verdict == "undecided" and found.unsearched:
+        return say("verdict.stopped", model=model, rounds=counts["rounds"], before=before, p=p,
+                   choices=[(added, list(others)) for added, others in found.dropped], searches=list(found.unsearched))
     if found.verdict == "undecided" and found.unrepeated:
         return say("verdict.unrepeated", model=model, records=records, needed=FEWEST, before=before, p=p,
                    choices=[(added, list(others)) for added, others in found.dropped])
