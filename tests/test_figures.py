@@ -341,3 +341,18 @@ def test_page_shows_the_narrow_figure_on_telephones(tmp_path):
     image = base64.b64decode(source.partition("base64,")[2].partition('"')[0])
     assert "max-width" in source and struct.unpack(">II", image[16:24])[0] < 900
     assert html.count('class="zoom"') == 1  # the other is enlarged by a tap
+
+
+def test_the_noise_of_a_channel_with_a_clock_of_its_own_is_measured_from_its_samples():
+    """Sampled at every second instant of the force, beside a channel that has no sample at all."""
+    generator, traces = np.random.default_rng(4), []
+    for one in make_pulses(6):
+        missing = np.arange(one.time.size) % 2 == 1
+        pressure = np.full(one.time.size, 1e6)
+        noisy = np.where(missing, np.nan, pressure + 2e3 * generator.normal(size=one.time.size))
+        traces += [one, dc.replace(one, channel="pressure", unit="Pa", measured=noisy, model=pressure),
+                   dc.replace(one, channel="depression", unit="m", measured=np.full(one.time.size, np.nan))]
+    axes = dict(zip(("force", "pressure", "depression"), figures.draw_noise_sizes(traces, {}).axes, strict=True))
+    sizes = axes["pressure"].lines[0].get_ydata()
+    assert len(sizes) and sizes == pytest.approx(2e-3, rel=0.3)  # MPa
+    assert len(axes["force"].lines[0].get_ydata()) and not len(axes["depression"].lines[0].get_ydata())

@@ -416,14 +416,14 @@ def draw_noise_sizes(traces: Sequence[Trace], noise: Mapping[str, Mapping[str, A
     figure = new_figure(0.7 + 2.2 * len(channels), NARROW if narrow else WIDTH)
     for axes, channel in zip(figure.subplots(len(channels), 1, squeeze=False).ravel(), channels, strict=True):
         own, one = pick_channel(traces, channel), noise.get(channel, {})
-        residuals = [trace.measured - trace.model for trace in own]
+        there = [np.isfinite(trace.measured - trace.model) for trace in own]  # a channel of its own clock has gaps
+        residuals = [(trace.measured - trace.model)[part] for trace, part in zip(own, there, strict=True)]
         bent = np.concatenate([(x[1:-1] - 0.5 * (x[:-2] + x[2:])) / math.sqrt(1.5) for x in residuals])
-        reading = np.concatenate([np.abs(trace.model[1:-1]) for trace in own])
-        kept = np.isfinite(bent)
+        reading = np.concatenate([np.abs(trace.model[part][1:-1]) for trace, part in zip(own, there, strict=True)])
         shown = q.describe_quantity(channel, own[0].measured, own[0].unit)
-        order = np.argsort(reading[kept], kind="stable")
-        parts = np.array_split(order, max(min(len(order) // 60, 14), 1))
-        bent, reading = shown.scale * bent[kept], shown.scale * reading[kept]
+        order = np.argsort(reading, kind="stable")
+        parts = [part for part in np.array_split(order, max(min(len(order) // 60, 14), 1)) if len(part)]
+        bent, reading = shown.scale * bent, shown.scale * reading
         centres = [float(np.median(reading[part])) for part in parts]
         sizes = [float(np.sqrt(np.mean(bent[part] ** 2))) for part in parts]
         dress(axes).plot(centres, sizes, "o", color=INK, ms=4.5)
@@ -434,7 +434,7 @@ def draw_noise_sizes(traces: Sequence[Trace], noise: Mapping[str, Mapping[str, A
         axes.plot(along, taken, color=colour_models(2)[1], lw=1.6)
         if one.get("stated_sd"):
             axes.axhline(shown.scale * float(one["stated_sd"]), color=GREY, lw=1.0, ls=(0, (4, 3)))
-        axes.set_ylim(0.0, 1.2 * max(*sizes, float(np.nanmax(taken)) if np.isfinite(taken).any() else 0.0))
+        axes.set_ylim(0.0, 1.2 * max([*sizes, *taken[np.isfinite(taken)]], default=1.0))
         axes.set_xlabel(f"{shown.name}, without its sign [{shown.unit}]")
         axes.set_ylabel(f"noise (sd) [{shown.unit}]")
     head_figure(figure, [key_dot(INK, 5), key_line(colour_models(2)[1]), key_line(GREY, 1.0, ls=(0, (4, 3)))],
