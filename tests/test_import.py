@@ -709,6 +709,26 @@ def test_a_displacement_that_moves_before_contact_is_zeroed_at_the_onset(tmp_pat
     assert campaign.uncertainty("depression").absolute == pytest.approx(1e-5, rel=0.3)
 
 
+def test_no_sample_of_the_approach_counts_as_depression(tmp_path):
+    """Soft starts, which are found some samples early: there the arm still comes nearer, and the ball is round."""
+    base, lead, time = {"effective_mass": 1.2, "restitution": 0.8}, 0.02, np.arange(0.0, 0.12, 1e-4)
+    speeds = (0.15, 0.2, 0.3, 0.15, 0.2, 0.3)
+    for k, speed in enumerate(speeds):
+        conditions = {"initial_pressure": 1.2e6, "approach_speed": speed}
+        force, depth = simulate(base, {}, conditions, time - lead, ("normal_force", "depression")).T
+        end = time[np.flatnonzero(depth > 0)[-1]]
+        position = np.where(time > end, -0.8 * speed * (time - end), depth)
+        position = np.where(time < lead, speed * (time - lead), position)
+        rng = np.random.default_rng(k)
+        force = force + 0.01 * force * rng.standard_normal(time.size) + 0.05 * rng.standard_normal(time.size)
+        columns = [time, force, 1e3 * position + 0.01 * rng.standard_normal(time.size), 0 * time + speed]
+        write(tmp_path / f"{k}.csv", raw_text(columns, ["t [s]", "Fz [N]", "depth (mm)", "v [m/s]"]))
+    campaign = import_tests(tmp_path, pressure="1.2 MPa", known="outer_diameter=60 mm")
+    for k in range(len(speeds)):
+        inside = campaign.trace(str(k))["depression"].notna().to_numpy()
+        assert inside.sum() > 200 and time[inside].min() > lead
+
+
 @pytest.mark.parametrize(("options", "words"), [
     ({"known": "outer_diameter=60"}, "--known outer_diameter"),
     ({"known": "outer_diameter=-1 mm"}, "--known outer_diameter"),

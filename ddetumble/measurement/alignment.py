@@ -24,6 +24,8 @@ from .units import parse_quantity, si_unit
 DOUBT = 0.2
 # Relative standard deviation up to which a measured load counts as one load: more changes the friction visibly.
 STEADY = 0.1
+# Deviations of the onset within which a sample of a moving channel may be one of the approach.
+NEAR = 3.0
 CUT = ("level", "before", "after")
 
 
@@ -201,8 +203,9 @@ def align_tests(tests: list[RawTest], plan: Plan, onset) -> tuple[dict[str, floa
     if moving:
         squares["depression"], shared["depression"] = _zero_position(moving, tests, math.hypot(clock, common))
         notes.append("The depression moves before contact, as the position of the arm does: it was set to zero at the "
-                     "onset, and samples before contact and after separation were left out. The error of its zero is "
-                     f"that of the onsets, {shared['depression'] * 1e3:.3g} mm.")
+                     "onset, and samples before contact, within three deviations of the onset and after separation "
+                     "were left out. The error of its zero is that of the onsets, "
+                     f"{shared['depression'] * 1e3:.3g} mm.")
     spreads = {name: math.sqrt(float(np.mean(v))) for name, v in squares.items() if len(v) == len(tests)}
     return spreads | {"time": clock}, shared
 
@@ -280,6 +283,9 @@ def _is_moving(t: np.ndarray, quiet: np.ndarray) -> bool:
 def _zero_position(moving: list[RawTest], tests: list[RawTest], clock: float) -> tuple[list[float], float]:
     """Turn the arm's position into the depression, in place: zero at the onset, and only in contact.
 
+    Samples nearer to the onset than `NEAR` deviations of it, `clock` [s], may be of the approach, where the ball is not
+    depressed: the same ones in all records, where the onsets are found too early. They are left out too.
+
     Returns:
         Variances about the straight approach [m²], and the standard deviation of the zero that all share [m].
     """
@@ -309,7 +315,7 @@ def _zero_position(moving: list[RawTest], tests: list[RawTest], clock: float) ->
     for test, zero in zip(moving, zeros, strict=True):
         t, x = test.values["time"], test.values["depression"] - zero
         gone = np.flatnonzero((t > t[np.nanargmax(np.where(t > 0, x, np.nan))]) & (x < 0))
-        inside = (t > 0) & (t < (t[gone[0]] if gone.size else np.inf))
+        inside = (t > NEAR * clock) & (t < (t[gone[0]] if gone.size else np.inf))
         test.values["depression"] = np.where(inside, x, np.nan)
     return variances, error
 
