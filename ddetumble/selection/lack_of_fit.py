@@ -216,7 +216,8 @@ def hold_settings(problem: Problem, solution: Solution) -> Solution:
     return held.solve(solution.names, solution.u, solution.z * moves, tolerance=1e-2)
 
 
-def measure_repeats(records: Records, solution: Solution, groups: np.ndarray, conditions: np.ndarray) -> float | None:
+def measure_repeats(records: Records, solution: Solution, groups: np.ndarray, conditions: np.ndarray,
+                    onset_bias: float = 0.0) -> float | None:
     """p-value of nothing in the residuals repeating over the records, whatever the size and correlation of the noise.
 
     Residuals of every record are projected on splines over its contact, few and many, without what its own settings
@@ -229,6 +230,8 @@ def measure_repeats(records: Records, solution: Solution, groups: np.ndarray, co
         solution: a fit of all records under it.
         groups: number of the condition of every record, shape (records,).
         conditions: of every record, shape (records, conditions), SI; the place in the series may be one.
+        onset_bias: standard deviation [s] of what the time origins have in common. Onsets that were found in the force
+            are off by the shape of its rise, which goes with the conditions: within this, that they do tells nothing.
 
     Returns:
         The p-value; None where the records do not share a phase, are single values, or are too few.
@@ -254,7 +257,9 @@ def measure_repeats(records: Records, solution: Solution, groups: np.ndarray, co
     spread = logarithms.std(axis=0)
     slopes = ((logarithms - logarithms.mean(axis=0)) / np.maximum(spread, 1e-300))[:, spread > 0.01]
     over = np.concatenate([np.ones((len(scores), 1)), slopes], axis=1)
-    settled = [k for k, name in enumerate(records.nuisances) if name not in records.starts]
+    moves = solution.z[: records.count] * np.asarray(records.stack.condition_sd)[: records.count]
+    settled = [k for k, name in enumerate(records.nuisances) if name not in records.starts
+               and not (name == "time" and np.sqrt(np.mean(moves[:, k] ** 2)) <= onset_bias)]
     moved = [shift for shift in np.array(shifts)[:, settled].T if np.ptp(shift) > 0]
     return combine_p_values([*(_flip_signs(table, over) for table in np.split(np.array(scores), PARTS[:1], axis=1)),
                              *(follow_conditions(shift, groups, conditions) for shift in moved)])

@@ -306,7 +306,9 @@ class SelectionProblem:
 
     def measure_repeats(self, solution: Solution) -> float | None:
         """p-value of nothing in the residuals repeating over the records; None where that cannot be judged."""
-        return measure_repeats(self.records, solution, self.groups, self.conditions)
+        clock = self.campaign.independent
+        bias = 0.0 if clock is None or clock.common is None else clock.common.sd(0.0)
+        return measure_repeats(self.records, solution, self.groups, self.conditions, float(bias))
 
     def calibrate(self, scores: list[Score]) -> float:
         """Family-wise p-value of the largest score: by a bootstrap where there are few long records."""
