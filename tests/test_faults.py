@@ -214,6 +214,23 @@ def test_a_gauge_that_stands_still_is_seen(family, clean, tmp_path):
     assert [(f.kind, f.records) for f in found] in ([("held", (key,))], [("clipped", (key,))])
 
 
+def test_a_channel_with_a_clock_of_its_own_lacks_nothing_but_what_it_lost(clean):
+    """Every third instant of the force, in contact only: missing are those alone that were lost."""
+    campaign = read_campaign(clean["impact"])
+    assert campaign.samples is not None
+    samples = campaign.samples.copy()
+    place = samples.groupby("record", sort=False).cumcount().to_numpy()
+    kept = (place % 3 == 0) & (samples["time"] > 0.0).to_numpy() & (samples["time"] < 0.02).to_numpy()
+    samples["pressure"] = np.where(kept, 1e6 + 1e3 * np.sin(place), np.nan)
+    channel = dc.replace(campaign.channels["normal_force"], name="pressure", unit="Pa", uncertainty=None)
+    slow = dc.replace(campaign, samples=samples, channels={**campaign.channels, "pressure": channel})
+    assert "missing" not in kinds(screen_samples(slow)[1])
+    inner = np.flatnonzero(kept & (samples["record"] == campaign.record_keys[2]).to_numpy())[5:9]
+    samples.loc[samples.index[inner], "pressure"] = np.nan
+    (fault,) = (f for f in screen_samples(dc.replace(slow, samples=samples))[1] if f.kind == "missing")
+    assert (fault.channel, fault.records) == ("pressure", (campaign.record_keys[2],))
+
+
 @pytest.mark.parametrize("family", FAMILIES)
 def test_missing_and_uneven_samples_are_reported(family, clean, tmp_path):
     channel = CHANNEL[family]

@@ -112,6 +112,36 @@ def _tell(kind: str, keys, channel: str, left_out: bool = False, **facts) -> Fau
     return Fault("missing" if kind == "blind" else kind, keys, channel, seen, done, remedy, left_out)
 
 
+def count_lost(time: dict[str, np.ndarray], there: dict[str, np.ndarray]) -> tuple[dict[str, int], dict[str, int]]:
+    """How many samples of a channel each record lacks, and how many it would have.
+
+    A channel that was sampled on a clock of its own has no sample at the instants of the others, and one that in every
+    record begins late, or ends early, was not meant to be longer: neither is missing.
+
+    Args:
+        time: of every record, shape (samples,); those of all channels.
+        there: whether the channel has a sample then.
+    """
+    ends = {key: (int(np.argmax(x)), int(np.argmax(x[::-1]))) for key, x in there.items() if x.any()}
+    early, late = (bool(ends) and all(end[k] > 0 for end in ends.values()) for k in (0, 1))
+    lost, wanted = {}, {}
+    for key, x in there.items():
+        steps = np.diff(time[key][x])
+        if not x.any() or len(steps) < 2 or not (steps > 0).all():
+            lost[key], wanted[key] = int((~x).sum()), len(x)
+            continue
+        step = float(np.quantile(steps, 0.1))  # most samples may be missing, the usual step is still among the shortest
+        own = step > 1.5 * float(np.quantile(np.diff(time[key]), 0.1))
+        first, last = ends[key]
+        inner = x[first : len(x) - last]
+        gaps = int(np.sum(np.maximum(np.round(steps / step), 1) - 1)) if own else int((~inner).sum())
+        outer = 0 if early else time[key][first] - time[key][0]
+        outer += 0 if late else time[key][-1] - time[key][len(x) - 1 - last]
+        lost[key] = gaps + int(outer / step + 0.5 * (not own))
+        wanted[key] = int(x.sum()) + lost[key]
+    return lost, wanted
+
+
 def screen_samples(campaign: Campaign, settings: ScreeningSettings = SCREENING) -> tuple[Campaign, tuple[Fault, ...]]:
     """Find what is wrong with the samples of a campaign, and leave it out.
 
@@ -134,10 +164,12 @@ def screen_samples(campaign: Campaign, settings: ScreeningSettings = SCREENING) 
     screened = [c for c in campaign.channels if not c.startswith("attitude_") and c != path]
     for channel in screened:
         values = samples[channel].to_numpy(dtype=float).copy()
-        lost = np.isnan(values) & ~turning
-        if lost.any():
-            keys = (key for key, part in rows.items() if lost[part].any())
-            found.append(_tell("missing", keys, channel, share=100 * lost.mean()))
+        there = ~np.isnan(values) | turning
+        lost, wanted = count_lost({key: samples[abscissa].to_numpy(dtype=float)[part] for key, part in rows.items()},
+                                  {key: there[part] for key, part in rows.items()})
+        if any(lost.values()):
+            found.append(_tell("missing", [key for key, number in lost.items() if number], channel,
+                               share=100 * sum(lost.values()) / sum(wanted.values())))
         uncertainty = campaign.channels[channel].uncertainty
         sd = 0.0 if uncertainty is None else float(uncertainty.sd(np.nanmedian(np.abs(values))))
         if not sd > 0:
