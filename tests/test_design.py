@@ -35,7 +35,7 @@ from ddetumble.planning.distinguishability import (
     thinning_factor,
     value_separation,
 )
-from ddetumble.planning.next_test import Pair, design, group_pairs
+from ddetumble.planning.next_test import Narrowing, Pair, design, group_pairs
 from ddetumble.planning.setting_ranges import list_extras, set_limits
 from ddetumble.selection.explanations import fit_bias
 from ddetumble.selection.problem import fit_reference, pose_selection
@@ -556,3 +556,9 @@ def test_maps_of_tumbling_and_oblique_plans(tmp_path, monkeypatch, capsys):
     slanted = json.loads((tmp_path / "slanted" / "map.json").read_text())
     seen = {e["effect"] for e in slanted["effects"] if e["size"] is not None}
     assert {"wall-stiffness", "stribeck", "tangential-compliance"} <= seen  # of the ball, of friction, of both
+
+
+def test_deviations_before_and_after_a_test_are_plain_numbers():
+    """Of a hundred newtons a metre as of a millisecond."""
+    assert "± 110 to ± 79 N/m" in str(Narrowing("viscoelastic-wall.k_v", "N/m", 112.3, 79.1))
+    assert "± 0.00077 to ± 0.00055 s" in str(Narrowing("viscoelastic-wall.tau", "s", 7.7e-4, 5.5e-4))

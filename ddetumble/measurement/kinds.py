@@ -179,7 +179,8 @@ IMPACT = RecordKind(
     pressure="initial_pressure",
     speed="approach_speed",
     described=(("outer_diameter",),
-               "The ball's outer diameter is not stated; --known 'outer_diameter=60 mm' states it."),
+               "The ball's outer diameter is not stated and counts as the paper's, 60 mm; state yours, as in "
+               "--known 'outer_diameter=62 mm'."),
     options={"initial_pressure": ("--pressure '1.0 MPa'", "p [MPa]"),
              "approach_speed": ("--speed '0.4 m/s'", "v [m/s]")},
     has_contact=True,

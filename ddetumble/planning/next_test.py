@@ -18,7 +18,7 @@ from .._sentences import say, tell
 from ..families import find_family, list_families
 from ..inference.archive import AbstractFitted, FittedModel, load, take_fitted
 from ..inference.files import AbstractWritten, list_fields, list_versions, make_plain
-from ..measurement.quantities import describe_quantity, format_plain, join_words
+from ..measurement.quantities import describe_quantity, format_plain, format_value, join_words
 from ..posterior.stacking import list_numbered, read_discovery
 from ..selection.discovery import Discovery
 from ..selection.result import EXPLANATIONS, OPEN, RESULT
@@ -79,7 +79,8 @@ class Narrowing:
         return 1.0 - self.after / self.before
 
     def __str__(self) -> str:
-        return f"{self.name} from ± {self.before:.2g} to ± {self.after:.2g} {self.unit}".rstrip()
+        before, after = (format_value(sd, sd) for sd in (self.before, self.after))
+        return f"{self.name} from ± {before} to ± {after} {self.unit}".rstrip()
 
 
 @dc.dataclass(frozen=True)
