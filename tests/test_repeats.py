@@ -55,7 +55,7 @@ def test_what_is_missing_repeats(pattern):
 
 
 def test_onsets_may_go_with_the_conditions_within_their_common_error():
-    """Found in the force, they are off by the shape of its rise, which goes with the speed; of a trigger they are not."""
+    """Found in the force, they are off by the shape of its rise, which goes with the speed."""
     def spoil(measured, stated):
         for r, (v, _) in enumerate(CONDITIONS):
             late = 12.0 * CLOCK * np.log(v / 1.5)
