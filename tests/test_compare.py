@@ -276,3 +276,10 @@ def test_a_folder_of_a_models_name_changes_nothing(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert not is_fitted("paper") and isinstance(resolve_model("paper").reference, Ball)
     assert is_fitted(str(tmp_path / "paper"))
+
+
+def test_repeats_are_one_condition_however_few_there_are(tmp_path):
+    """Two pressures, two repeats each: too few conditions to leave one out, and yet two rows."""
+    write_package(tmp_path, make_campaign("few", 1, {}, BASE, (5e5, 1e6), (0.4,), 2, interval=1e-3))
+    found = compare(read_campaign(tmp_path))
+    assert np.isnan(found.heldout_nrmse) and found.conditions["records"].tolist() == [2, 2]

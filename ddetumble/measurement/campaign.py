@@ -194,7 +194,7 @@ def group_conditions(records: pd.DataFrame) -> np.ndarray:
 
     The unit is the condition; where there are too few of them, every record is one of its own.
     """
-    groups = _label_conditions(records)
+    groups = label_conditions(records)
     return groups if groups.max() + 1 >= FEWEST else np.arange(len(records))
 
 
@@ -208,10 +208,10 @@ def can_leave_out(records: pd.DataFrame, free_running: bool = False) -> bool:
 
 def count_conditions(records: pd.DataFrame) -> int:
     """How many conditions records were measured at."""
-    return int(_label_conditions(records).max()) + 1
+    return int(label_conditions(records).max()) + 1
 
 
-def _label_conditions(records: pd.DataFrame) -> np.ndarray:
+def label_conditions(records: pd.DataFrame) -> np.ndarray:
     """Number of the condition to which each record belongs, shape (records,).
 
     Settings scatter about nominal values: along each condition, sorted values are cut where neighbours differ by more

@@ -19,7 +19,7 @@ from ..inference.estimation import fit
 from ..inference.files import AbstractWritten, list_fields, make_plain
 from ..inference.identifiability import list_disputed
 from ..inference.noise_estimation import differs_from_stated
-from ..measurement.campaign import Campaign, thin_campaign
+from ..measurement.campaign import Campaign, label_conditions, thin_campaign
 from ..measurement.quantities import describe_quantity, format_quantity
 from .cross_validation import compare_losses
 from .describe import describe_noise, measure_held, public_estimates
@@ -378,7 +378,7 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
         campaign=campaign.name, title=campaign.title, sha256=campaign.sha256, model=name, fitted=names, sentence="",
         lack_of_fit=lack, chi2_reduced=bench.reduce_chi2(chosen.solution),
         nrmse=nrmse(traces), noise_nrmse=nrmse(traces, noise=True), channels=channels, records=records,
-        conditions=_tabulate_conditions(campaign, traces, bench.groups),
+        conditions=_tabulate_conditions(campaign, traces),
         residuals=bin_residuals(traces, dict(zip(keys, solution.end, strict=True)), campaign, bench.family),
         parameters=public_estimates(bench, chosen.solution) if names else {},
         where=tuple(residual_places(bench, fitted)), noise=describe_noise(bench), traces=traces, shifts=shifts,
@@ -466,9 +466,9 @@ def _join_channels(traces: Sequence[Trace]) -> dict[str, float]:
     return found | {f"ratio_{c}": e["ratio"] for c, e in ratios.items()}
 
 
-def _tabulate_conditions(campaign: Campaign, traces: Sequence[Trace], groups: np.ndarray) -> pd.DataFrame:
-    """Errors by group of equal settings; each condition is the mean over the group."""
-    rows = []
+def _tabulate_conditions(campaign: Campaign, traces: Sequence[Trace]) -> pd.DataFrame:
+    """Errors by group of equal settings, however few groups there are; each condition is the mean over the group."""
+    rows, groups = [], label_conditions(campaign.records)
     for group in np.unique(groups):
         table = campaign.records[groups == group]
         keys = set(map(str, table.index))
