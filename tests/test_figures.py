@@ -12,15 +12,17 @@ import ddetumble as dd
 from ddetumble import figures
 from ddetumble.figures import planning
 from ddetumble.figures.style import SpacedLocator, apply_style, new_axes
-from ddetumble.figures.traces import find_stretch
+from ddetumble.figures.traces import find_stretch, measure_error
 from ddetumble.measurement.quantities import describe_quantity, format_small_share, shorten_names, typeset
 from ddetumble.measurement.units import format_time
 from ddetumble.reports import Picture, Section, Table, write_page
 from ddetumble.reports.findings import _list_facts
 from ddetumble.reports.page import HEADLINE, SHORTEST, begin_sentence, split_sentence
 from ddetumble.selection.result import Place, Trace
+from ddetumble.selection.series import make_traces
 from ddetumble.selection.text import choose_view, describe_place
 from tests.helpers_report import make_candidates, make_slip_discovery
+from tests.helpers_statistics import fit_toy, make_selection
 
 
 LONG = "with pressure-dependent-restitution, speed-dependent-restitution, viscoelastic-wall and inflation-growth"
@@ -356,3 +358,17 @@ def test_the_noise_of_a_channel_with_a_clock_of_its_own_is_measured_from_its_sam
     sizes = axes["pressure"].lines[0].get_ydata()
     assert len(sizes) and sizes == pytest.approx(2e-3, rel=0.3)  # MPa
     assert len(axes["force"].lines[0].get_ydata()) and not len(axes["depression"].lines[0].get_ydata())
+
+
+def test_residuals_are_drawn_over_the_noise_of_their_own_samples():
+    """Noise of a fiftieth of the reading: a complete model leaves as much of it in a hard blow as in a soft one."""
+    selection, fitted = fit_toy(make_selection(2))
+    solution, noise = fitted.solution, selection.noise["normal_force"]
+    sizes = {key: 0.1 + np.abs(solution.channels[r, 0, :n]) / np.abs(solution.channels).max()
+             for r, (key, n) in enumerate(zip(selection.records.keys, selection.records.lengths, strict=True))}
+    traces = make_traces(selection.campaign, selection.records, solution,
+                         {"normal_force": dc.replace(noise, sizes=sizes)})
+    generator = np.random.default_rng(6)
+    noisy = [dc.replace(one, measured=one.model + one.sd * sizes[one.record] * generator.normal(size=one.time.size))
+             for one in traces]
+    assert [measure_error(one) for one in noisy] == pytest.approx([1.0] * len(noisy), abs=0.35)

@@ -92,8 +92,8 @@ def pick_channel(traces: Sequence[Trace], channel: str) -> list[Trace]:
 
 
 def standardise(trace: Trace) -> np.ndarray:
-    """Measured minus model over the noise, nan where a sample is missing."""
-    scale = trace.sd if trace.sd > 0 else np.nan
+    """Measured minus model over the noise of each sample, nan where a sample is missing."""
+    scale = (trace.sd if trace.sd > 0 else np.nan) * (1.0 if trace.sizes is None else np.asarray(trace.sizes))
     return (np.asarray(trace.measured, float) - np.asarray(trace.model, float)) / scale
 
 

@@ -356,7 +356,8 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
             bench = dc.replace(bench, priors=saved.priors).restack(bench.noise)
         chosen = bench.file(fitted.effects, bench.problem.solve(names, solution.u, solution.z, moving=False))
     # What a model that fails leaves is no measure of the noise: there the stated size counts.
-    level = {c: dc.replace(n, sd=n.stated_sd or n.sd) for c, n in bench.noise.items()} if lack.rejected else bench.noise
+    level = {c: dc.replace(n, sd=n.stated_sd, sizes={}) if n.stated_sd else n for c, n in bench.noise.items()
+             } if lack.rejected else bench.noise
     traces = make_traces(campaign, bench.records, solution, level)
     used = bench.records.used.sum(axis=(1, 2))
     chi2 = np.sum(solution.residual ** 2, axis=1) + np.sum(solution.z**2, axis=1)

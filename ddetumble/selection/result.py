@@ -32,13 +32,14 @@ class Trace:
     time: np.ndarray  # independent variable since the record's own origin: time [s], or slip [m]
     measured: np.ndarray  # nan where a sample is missing
     model: np.ndarray
-    sd: float  # of the noise
+    sd: float  # of the noise, rms where its size varies
     # What a misfit is located in: depression and its rate of the model [m, m/s], 0 outside contact; of slip records
     # slip since the stroke began, and its speed with the sign of the direction.
     state: np.ndarray
     state_rate: np.ndarray
     family: str = DEFAULT_FAMILY
     independent: str = "time"  # or `slip`
+    sizes: np.ndarray | None = None  # of the noise of every sample over `sd`; None where all are alike
 
     @property
     def is_value(self) -> bool:

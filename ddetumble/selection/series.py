@@ -49,16 +49,18 @@ def make_traces(campaign: Campaign, records: Records, solution: Solution, noise:
         n = records.lengths[r]
         conditions = {str(name): float(value) for name, value in campaign.records.loc[key].items()}
         for c, channel in enumerate(records.channels):
-            used = weights[r, c, :n] > 0
+            used, sizes = weights[r, c, :n] > 0, None
             if noise and channel in noise:
-                sd = noise[channel].sd
+                sd, sizes = noise[channel].sd, noise[channel].sizes.get(key)
+                # Of a thinned record every n-th sample is there.
+                sizes = None if sizes is None else np.asarray(sizes)[:: -(-len(sizes) // n)]
             else:
                 # The first weight of a record is 1/sd of the sample itself: nothing before it predicts it.
                 sd = 1.0 / weights[r, c, np.argmax(used)] if used.any() else float("nan")
             traces.append(Trace(
                 key, channel, campaign.channels[channel].unit, conditions, time[r, :n] - moved[r],
                 np.where(used, values[r, c, :n], np.nan), solution.channels[r, c, :n].copy(), float(sd),
-                solution.state[r, :n].copy(), solution.state_rate[r, :n].copy(), campaign.family, independent))
+                solution.state[r, :n].copy(), solution.state_rate[r, :n].copy(), campaign.family, independent, sizes))
     return tuple(traces)
 
 
