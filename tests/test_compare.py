@@ -169,6 +169,14 @@ def test_a_model_may_cross_validate_best_and_be_rejected():
     assert [(one.model, one.other, one.refuted) for one in found.beaten] == [(1, 0, True)]
 
 
+def test_notes_name_the_models_that_they_are_of():
+    """Those that hold for all of them stand by themselves."""
+    models = [compared(SAME, 100.0 * np.ones(6), False) for _ in range(3)]
+    for one, notes in zip(models, (("x", "y"), ("y",), ("y", "x")), strict=True):
+        one.notes = notes
+    assert conclude(tuple(models), ("a", "b", "c")).notes == ["a and c: x", "y"]
+
+
 def test_a_model_that_fails_stops_no_other(monkeypatch):
     """Of several; alone it is an error, and so are several that all fail."""
     def work(campaign, model, name, refit):

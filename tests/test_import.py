@@ -179,6 +179,15 @@ def test_a_speed_that_changes_within_a_test_is_no_condition(tmp_path):
         import_tests(path, keep=["speed=v"], **CONDITIONS)
 
 
+def test_a_channel_under_another_name_is_taken_in_by_the_option_that_the_notes_name(tmp_path):
+    """A laser that nothing says is the depression: the note has its heading, and what it can be taken in as."""
+    time, force = raw_trace()
+    path = write(tmp_path / "a.csv", raw_text([time, force, 1e-2 * force], ["t [s]", "Fz [N]", "laser [mm]"]))
+    (note,) = [note for note in import_tests(path, **CONDITIONS).notes if "laser" in note]
+    assert "--keep" in note and "depression" in note
+    assert "depression" in import_tests(path, keep={"depression": "laser"}, **CONDITIONS).channels
+
+
 def test_a_column_is_left_out(tmp_path):
     """One whose heading is understood, or one of two that may be the force; not one that is not there, or is named as
     another quantity's."""

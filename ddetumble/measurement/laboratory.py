@@ -353,6 +353,8 @@ def _read_tests(raw: RawFile, plan: Plan) -> list[RawTest]:
         if plan.si.setdefault(role, unit.si) != unit.si:
             raise InputError("the unit is of a different kind from that in earlier files", file=raw.file, column=column)
     used = ", ".join(f"{role} from {column!r}" for role, column in roles.items())
+    lacking = ", ".join(role for role in kind.series if role not in roles)
+    left += f" (--keep NAME=COLUMN takes one in, as {lacking})" if left and lacking else ""
     plan.notes.append(f"{Path(raw.file).name}: {used}; {f'left out: {left}' if left else 'no column left out'}.")
     groups = {raw.key: np.arange(len(raw))}
     if "record" in roles:

@@ -20,7 +20,7 @@ from ..inference.files import AbstractWritten, list_fields, make_plain
 from ..inference.identifiability import list_disputed
 from ..inference.noise_estimation import differs_from_stated
 from ..measurement.campaign import Campaign, label_conditions, thin_campaign
-from ..measurement.quantities import describe_quantity, format_quantity
+from ..measurement.quantities import describe_quantity, format_quantity, join_words
 from .cross_validation import compare_losses
 from .describe import describe_noise, measure_held, public_estimates
 from .lack_of_fit import is_moved, measure_shifts
@@ -223,6 +223,14 @@ class Comparisons(Sequence[Comparison], AbstractWritten):
         return [f"{name} could not be compared: {why.rstrip('.')}." for name, why in self.failed.items()]
 
     @property
+    def notes(self) -> list[str]:
+        """What the comparisons note, with the models before it where it does not hold for all of them."""
+        told = {note: [name for name, one in zip(self.names, self.models, strict=True) if note in one.notes]
+                for one in self.models for note in one.notes}
+        return [*self.failures, *(note if len(names) == len(self.models) else f"{join_words(names)}: {note}"
+                                  for note, names in told.items())]
+
+    @property
     def table(self) -> pd.DataFrame:
         """One row a model: errors (rms over rms signal), noise, and whether significant lack of fit is left."""
         return pd.DataFrame([{
@@ -243,8 +251,7 @@ class Comparisons(Sequence[Comparison], AbstractWritten):
         shown = shown.drop(columns=["rejected", "p_value", "converged", *same]).rename(columns={
             "chi2_reduced": "chi2/dof", "heldout_nrmse": "cross-validated", "prediction_nrmse": "predicted",
             "prediction_coverage": "coverage", "noise_nrmse": "noise"})
-        notes = dict.fromkeys([*self.failures, *(note for one in self.models for note in one.notes)])
-        return "\n\n".join(["\n".join((self.sentence, *(f"- {note}" for note in notes))),
+        return "\n\n".join(["\n".join((self.sentence, *(f"- {note}" for note in self.notes))),
                             shown.to_string(index=False, float_format="{:.4g}".format),
                             f"Each model is fitted and judged {UNDER}."])
 
