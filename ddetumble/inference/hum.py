@@ -47,6 +47,12 @@ class HumSettings:
     # three axes that begin alike in three records it is 0.012.
     random: float = 0.01
     free_random: float = 0.03
+    # steady, differ, steady_random: relative scatter of the amplitude, below which no force of a contact makes it where
+    # one of the conditions differs by that factor at least, and the p-value that counts then: of campaigns whose phases
+    # are random one in fifty is below the other one.
+    steady: float = 0.15
+    differ: float = 1.5
+    steady_random: float = 0.001
     peaks: int = 3  # highest peaks of the spectrum that are looked at
     most: int = 3  # sines of a channel, at most
     off: float = 3.0  # standard errors by which a frequency that was found beside a poorer model is off before it moves
@@ -166,10 +172,15 @@ def _list_seen(campaign: Campaign, records: Records, one: Added, channels: int, 
     phase = np.arctan2(sines[..., 1], sines[..., 0])[:, places]
     chances = [float(stats.gamma.sf(np.sum(np.abs(np.mean(np.exp(1j * k * phase), axis=0)) ** 2) * records.count,
                                     len(places))) for k in (1, 2)]
-    if not free:  # nor moving with the conditions: free motion has none
-        groups, conditions = group_conditions(campaign.records), campaign.records.to_numpy(dtype=float)
-        chances += [follow_conditions(sines[:, k, part], groups, conditions) for k in places for part in range(2)]
-    return places if 2.0 * min(chances) > (settings.free_random if free else settings.random) else []
+    if free:
+        return places if 2.0 * min(chances) > settings.free_random else []
+    # Nor moving with the conditions: free motion has none.
+    groups, conditions = group_conditions(campaign.records), campaign.records.to_numpy(dtype=float)
+    chances += [follow_conditions(sines[:, k, part], groups, conditions) for k in places for part in range(2)]
+    settled = np.abs(campaign.records.drop(columns="sequence", errors="ignore").to_numpy(dtype=float))
+    steady = (np.std(sizes, axis=0) <= settings.steady * np.mean(sizes, axis=0))[places].all() and np.any(
+        settled.max(axis=0) > settings.differ * settled.min(axis=0))
+    return places if 2.0 * min(chances) > (settings.steady_random if steady else settings.random) else []
 
 
 def _stays(records: Records, group: Sequence[int], frequency: float, bin_: float, settings: HumSettings) -> bool:
