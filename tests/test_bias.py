@@ -9,6 +9,7 @@ from helpers_statistics import PRESSURES, SPEEDS, fit_toy, make_selection
 
 import ddetumble as dd
 from ddetumble.effects.impact import SensorGain, WallStiffness
+from ddetumble.effects.oblique import SensorCrosstalk
 from ddetumble.exam.cases import Exam, sample_case, write_case
 from ddetumble.inference.archive import resolve_model
 from ddetumble.measurement.units import Uncertainty
@@ -170,6 +171,7 @@ def test_a_shared_error_that_the_campaign_states_is_no_rival():
 @pytest.mark.parametrize(("merits", "effects", "expected"), [
     ((), [WallStiffness], False), ((12.0,), [WallStiffness], True), ((8.0,), [WallStiffness], True),
     ((12.0,), [SensorGain], False), ((8.0, 12.0), [SensorGain], True), ((12.0,), [SensorGain, WallStiffness], True),
+    ((12.0,), [SensorCrosstalk], False),
 ])  # fmt: skip
 def test_no_physics_stands_beside_an_error_that_does_as_well(merits, effects, expected):
     """Effects of merit 10: a gauge's gain gives way only to a better error, physics to any that is not beaten."""

@@ -140,7 +140,8 @@ def read_stroke(law: FrictionLaw, conditions: Mapping[str, Array]) -> Readings:
 
 
 def read_patch(law: StrikeLaw, conditions: Mapping[str, Array]) -> Readings:
-    """How far a patch gives way before it slides [m], and its friction less what brakes rolling [N].
+    """How far a patch gives way before it slides [m], and what the gauge reads of load and friction less what brakes
+    rolling [N].
 
     Under half a sine of load (60 N, 30 ms) and of depression (5 mm), while the speed falls and 2 J/m of work add up.
     """
@@ -152,7 +153,8 @@ def read_patch(law: StrikeLaw, conditions: Mapping[str, Array]) -> Readings:
         patch = Patch(0.03 * share, 0.005 * wave, 0.004 * wave, find_height(diameter, 0.005 * wave), pressure,
                       60.0 * wave, conditions)
         limit = law.limit(patch, speed, path, 2.0 * path)
-        return {"slip": path + law.compliance(patch) * limit, "friction": limit - law.brake(patch)}
+        normal, tangential = law.read_axes(patch.normal_force, limit - law.brake(patch))
+        return {"slip": path + law.compliance(patch) * limit, "load": normal, "friction": tangential}
 
     return jax.vmap(read)(jnp.linspace(0.0, 1.0, 25))
 

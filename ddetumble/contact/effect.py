@@ -464,6 +464,9 @@ IMPACT_STAGES: tuple[type[AbstractEffect], ...] = (
     AbstractContactForce, AbstractSurfaceForce, AbstractDriveEffect, AbstractRestitutionEffect, AbstractSensorEffect)
 
 
+MEASURING = ("sensor", "axes", "gyroscope")  # stages of what happens to readings, not to the ball or the body
+
+
 def list_stages(kind: type) -> list[str]:
     """Stages from which a class of effects derives, each once."""
     return list(dict.fromkeys(base.__dict__["stage"] for base in kind.__mro__ if base.__dict__.get("stage")))

@@ -17,15 +17,16 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from .effect import IMPACT_STAGES, AbstractEffect, Scalar
-from .gripping import AbstractComplianceEffect, AbstractReactionEffect
+from .gripping import AbstractAxesEffect, AbstractComplianceEffect, AbstractReactionEffect
 from .sliding import AbstractFrictionForce, AbstractLoadEffect, AbstractRubberEffect
 from .torque import AbstractGyroEffect, AbstractInertiaEffect, AbstractTorque
 
 
 STAGES: dict[str, type[AbstractEffect]] = {base.stage: base for base in (
     *IMPACT_STAGES, AbstractRubberEffect, AbstractLoadEffect, AbstractFrictionForce,
-    AbstractComplianceEffect, AbstractReactionEffect, AbstractInertiaEffect, AbstractTorque, AbstractGyroEffect)}
-LAST = 9  # `order` among effects on sensors: after those of the catalogue, which have 0 to 4
+    AbstractComplianceEffect, AbstractReactionEffect, AbstractAxesEffect, AbstractInertiaEffect, AbstractTorque,
+    AbstractGyroEffect)}
+LAST = 9  # `order` among effects on sensors: after those of the catalogue, which have 0 to 5
 
 
 def effect(stage: str, *, id: str = "", law: str = "", reference: str = "", requires: tuple[str, ...] = (),

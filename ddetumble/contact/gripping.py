@@ -81,6 +81,17 @@ class AbstractReactionEffect(AbstractEffect):
         """How far the normal force acts ahead of the patch's centre, against rolling either way [m]."""
 
 
+class AbstractAxesEffect(AbstractEffect):
+    """Changes what a gauge of two axes reads, after everything that acts on one of its axes alone."""
+
+    stage: ClassVar[str] = "axes"
+    family: ClassVar[str] = "oblique"
+
+    @abc.abstractmethod
+    def read_axes(self, normal_force: Scalar, tangential_force: Scalar) -> tuple[Scalar, Scalar]:
+        """What the two axes read, in this order [N]."""
+
+
 @final
 class Striker(AbstractModel):
     """A reference model of oblique impacts: a normal model, a friction model, and what moves along the plate.
@@ -157,6 +168,12 @@ class StrikeLaw(AbstractLaw):
         """Force that brakes rolling at full speed, the moment of the offset normal force over the height [N]."""
         total = sum((effect.offset_at(patch) for effect in self.pick("reaction")), jnp.zeros_like(patch.normal_force))
         return safe_divide(total, patch.height) * patch.normal_force
+
+    def read_axes(self, normal_force: Array, tangential_force: Array) -> tuple[Array, Array]:
+        """What the gauge's axes read, from what they would read each by itself [N]."""
+        for effect in self.pick("axes"):
+            normal_force, tangential_force = effect.read_axes(normal_force, tangential_force)
+        return normal_force, tangential_force
 
     def limit(self, patch: Patch, speed: Array, path: Array, work: Array) -> Scalar:
         """F_max: friction of the sliding patch [N], not negative.

@@ -36,7 +36,7 @@ NODES = 97  # at which the normal motion is read, over the contact: it is smooth
 class Strike(AbstractImpact):
     """Channels of one oblique impact at the wanted times, beside those of an impact, and where its energy went."""
 
-    tangential_force: Float[Array, " times"]  # on the plate, in the direction of motion [N]
+    tangential_force: Float[Array, " times"]  # what the gauge reads, in the direction of motion [N]
     slip: Float[Array, " times"]  # of the patch over the plate since first touch, with its sign [m]
     tangential_speed: Scalar  # of the ball's centre along the plate at separation [m/s]
     rolling_speed: Scalar  # r omega at separation [m/s]
@@ -170,8 +170,9 @@ def simulate_oblique_impact(law: StrikeLaw | Striker, conditions: Mapping[str, A
     touch = (times > 0.0) & ((times < motion.end) | (~motion.separated & (times <= motion.end)))
     weights = simpson(np.eye(NODES), dx=1.0 / (NODES - 1)) * motion.end
     bad = ~jnp.isfinite(jnp.sum(moved.force) + jnp.sum(moved.slip))
+    normal, tangential = law.read_axes(impact.normal_force, jnp.where(touch, force, 0.0))
     return Strike(
-        **vars(impact) | {"failed": impact.failed | bad}, tangential_force=jnp.where(touch, force, 0.0),
+        **vars(impact) | {"normal_force": normal, "failed": impact.failed | bad}, tangential_force=tangential,
         slip=jnp.where(times > 0.0, slip, 0.0), tangential_speed=moved.speed, rolling_speed=moved.rolling,
         arm_work=jnp.sum(weights * course.drive * course.rate),
         normal_loss=jnp.sum(weights * course.normal_force * course.rate), friction_loss=moved.work,

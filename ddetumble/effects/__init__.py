@@ -25,6 +25,7 @@ from ..contact.effect import family_of
 from ..contact.effect import parameter as parameter
 from ..contact.effect import parameters_of as parameters_of
 from ..contact.effect import stage_of as stage_of
+from ..contact.gripping import AbstractAxesEffect as AbstractAxesEffect
 from ..contact.gripping import AbstractComplianceEffect as AbstractComplianceEffect
 from ..contact.gripping import AbstractReactionEffect as AbstractReactionEffect
 from ..contact.sliding import AbstractFrictionForce as AbstractFrictionForce
@@ -55,6 +56,7 @@ from .impact import ViscousDashpot as ViscousDashpot
 from .impact import WallStiffness as WallStiffness
 from .oblique import OBLIQUE as OBLIQUE
 from .oblique import OffCentreReaction as OffCentreReaction
+from .oblique import SensorCrosstalk as SensorCrosstalk
 from .oblique import TangentialCompliance as TangentialCompliance
 from .slip import SLIP as SLIP
 from .slip import AdhesiveOffset as AdhesiveOffset

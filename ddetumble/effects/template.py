@@ -35,6 +35,7 @@ LAWS = {
     "friction": Law("N/m", 20.0, "F_t gains k s", "self.k * slide.slip"),
     "compliance": Law("m/N", 2e-5, "tangential compliance gains k", "self.k"),
     "reaction": Law("", 0.02, "normal force acts k b ahead", "self.k * patch.contact_radius"),
+    "axes": Law("", 0.02, "F_t reads F_t + k F_n", "normal_force, tangential_force + self.k * normal_force"),
     "torque": Law("1/s", 1e-5, "torque over transverse inertia = -k omega", "-self.k * spin.angular_velocity"),
     "gyroscope": Law("1/s", 1e-6, "reading = omega (1 + k t)", "angular_velocity * (1.0 + self.k * time[:, None])"),
 }

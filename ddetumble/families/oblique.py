@@ -15,11 +15,15 @@ from ..reference_models import OBLIQUE_MODELS
 from .impact import IMPACT, SIZES, observe_contact
 
 
+CROSSTALK = 0.05  # share of the normal force that gauges of several axes may read along the plate, either way
+
+
 def check_directions(campaign: Campaign) -> None:
     """Refuse oblique records whose friction pushes the ball on: speed and force are given along axes that differ.
 
     Raises:
-        InputError: A tangential speed is negative, or beyond its noise a tangential force while the ball is pressed on.
+        InputError: A tangential speed is negative, or a tangential force while the ball is pressed on, beyond its noise
+            and what a gauge's axes read of each other.
     """
     file = None if campaign.path is None else campaign.path / "records.csv"
     speeds = campaign.records["tangential_speed"].to_numpy(dtype=float)
@@ -37,6 +41,8 @@ def check_directions(campaign: Campaign) -> None:
         force, pressed = force[seen], pressed[seen]
         noise = float(campaign.channels["tangential_force"].sd(np.abs(force).max(initial=0.0)))
         least = 10.0 * noise * np.linalg.norm(pressed) + 0.02 * np.abs(force) @ pressed
+        if "normal_force" in trace:
+            least += CROSSTALK * pressed @ pressed
         if force @ pressed < -least:
             raise InputError(f"the tangential force of record {key!r} is mostly opposed to its tangential speed, but "
                              "friction on the plate acts in the direction of motion; reverse the sign of one of them",

@@ -15,6 +15,7 @@ from scipy.stats import qmc
 from .._display import Progress
 from .._errors import ComputationError, InputError
 from .._sentences import say, tell
+from ..contact.effect import MEASURING
 from ..families import find_family, list_families
 from ..inference.archive import AbstractFitted, FittedModel, load, take_fitted
 from ..inference.files import AbstractWritten, list_fields, list_versions, make_plain
@@ -23,7 +24,6 @@ from ..posterior.stacking import list_numbered, read_discovery
 from ..selection.discovery import Discovery
 from ..selection.result import EXPLANATIONS, OPEN, RESULT
 from ..selection.settings import DEFAULT
-from ..selection.verdict_facts import MEASURING
 from .distinguishability import (
     Distances,
     Preview,

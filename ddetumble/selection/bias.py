@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from .._errors import ComputationError
-from ..contact.effect import AbstractEffect
+from ..contact.effect import MEASURING, AbstractEffect
 from ..inference.goodness import combine_p_values, weigh_shifts
 from ..inference.problem import Solution
 from ..inference.variance_components import list_settings
@@ -83,7 +83,7 @@ def matches_effects(biases: Sequence[SettingBias], merit: float, effects: Sequen
     No physics is named where such an error does as well. A gauge's own gain is an error of calibration too: it gives
     way only to one that does better than its `merit`, and else is named with those that look the same.
     """
-    physics = any(effect.stage != "sensor" for effect in effects)
+    physics = any(effect.stage not in MEASURING for effect in effects)
     return bool(biases) and (physics or biases[0].merit < merit)
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from .._sentences import Sentence, join_sentences, say
+from ..contact.effect import MEASURING
 from ..families import Family
 from ..measurement.kinds import name_need
 from ..measurement.quantities import describe_quantity
@@ -22,7 +23,6 @@ from .settings import DEFAULT, SelectionSettings
 from .text import describe_place, tells_nothing
 
 
-MEASURING = ("sensor", "gyroscope")  # stages of what happens to readings, not to the ball or the body
 BRIEF = 60  # characters of estimates that still go into a headline; longer ones get a sentence of their own
 
 

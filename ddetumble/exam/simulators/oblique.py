@@ -27,11 +27,13 @@ ROLLING = 0.5  # kg
 OBLIQUE_NULLS = {
     "tangential-compliance": {"compliance": 0.0},
     "off-centre-reaction": {"share": 0.0},
+    "sensor-crosstalk": {"c_tn": 0.0, "c_nt": 0.0},
     # outside the catalogue
     "x-arm-push": {"force": 0.0},
     "x-tack": {"A": 0.0, "t_0": 1.0},
 }
 CHANNELS = ("normal_force", "tangential_force", "slip", "depression", "pressure")
+FORCES = ("normal_force", "tangential_force")  # axes of the gauge
 
 
 class Slider:
@@ -156,7 +158,12 @@ def simulate_strike(base, effects, conditions, times, channels=CHANNELS, steps=4
     """Return the noise-free record, an array (len(times), len(channels)); see `Slider`, `integrate_strike`."""
     times = np.asarray(times, dtype=float)
     readings, _ = integrate_strike(base, effects, conditions, times, steps)
-    normal, wanted = {k: v for k, v in effects.items() if k in NULLS}, [c for c in channels if c not in readings]
+    normal = {k: v for k, v in effects.items() if k in NULLS}
+    mixed = effects.get("sensor-crosstalk", {})
+    wanted = [c for c in (*(FORCES if mixed else ()), *channels) if c not in readings]
     if wanted:
         readings |= dict(zip(wanted, simulate(base, normal, conditions, times, wanted).T, strict=True))
+    if mixed:  # each axis reads a share of what the other reads by itself
+        both = [[1.0, mixed.get("c_nt", 0.0)], [mixed.get("c_tn", 0.0), 1.0]]
+        readings |= dict(zip(FORCES, both @ np.array([readings[c] for c in FORCES]), strict=True))
     return np.column_stack([readings[c] for c in channels])

@@ -25,6 +25,7 @@ SHARED = ("effective_mass", "restitution", "tangential_mass", "adhesion_constant
 CATALOGUE = {
     "tangential-compliance": Hidden({"compliance": 4e-5}, most=5.0),
     "off-centre-reaction": Hidden({"share": 0.15}, most=5.0),
+    "sensor-crosstalk": Hidden({"c_tn": 0.02}, most=2.5, since=2),  # in the next edition
     **{name: friction.CATALOGUE[name] for name in ("stribeck", "viscous-friction", "load-exponent", "adhesive-offset")},
     **{name: straight.CATALOGUE[name] for name in ("wall-stiffness", "viscous-dashpot", "adhesion", "sensor-highpass")},
 }
