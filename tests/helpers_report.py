@@ -25,8 +25,8 @@ DATA = Path(__file__).resolve().parent.parent / "data"
 CATALOGUE = (
     "polytropic-gas", "ambient-pressure", "wall-stiffness", "membrane-area", "inflation-growth", "gas-leak",
     "viscoelastic-wall", "viscous-dashpot", "adhesion", "arm-servo", "speed-dependent-restitution",
-    "pressure-dependent-restitution", "stress-softening", "sensor-highpass", "sensor-lag", "sensor-filter",
-    "sensor-gain", "sensor-resonance",
+    "pressure-dependent-restitution", "stress-softening", "sensor-hysteresis", "sensor-highpass", "sensor-lag",
+    "sensor-filter", "sensor-gain", "sensor-resonance",
 )  # fmt: skip
 CAMPAIGNS = {
     "nothing-missing": "impact-i", "explained": "impact-b", "improved": "impact-h", "unexplained": "impact-f",

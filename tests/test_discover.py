@@ -42,7 +42,7 @@ def test_nothing_missing(tmp_path, seed, noise):
     assert found.effects == ()
     assert holds(found, "effective_mass", BASE["effective_mass"])
     assert holds(found, "restitution", BASE["restitution"])
-    assert len(found.candidates) == 18
+    assert len(found.candidates) == 19
     assert found.steps[0].lack_of_fit.p_value > 0.005
 
 
@@ -57,6 +57,9 @@ def test_nothing_missing(tmp_path, seed, noise):
     ("sensor-resonance", {"f_0": 130.0, "zeta": 0.06}, {}),
     ("sensor-resonance", {"f_0": 300.0, "zeta": 0.02}, {"rho": 0.5}),
     ("sensor-filter", {"f_c": 200.0}, {}),
+    # Friction in the gauge, over the whole force and over little of it, beside the lags and losses that resemble it.
+    ("sensor-hysteresis", {"h": 0.08, "w": 40.0}, {"rho": 0.5}),
+    ("sensor-hysteresis", {"h": 0.2, "w": 5.0}, {}),
     ("sensor-lag", {"T": 4e-4}, {}),
     ("sensor-gain", {"g": 1.06}, {}),
 ])

@@ -34,6 +34,8 @@ CASES = {
     "speed-dependent-restitution": {"speed-dependent-restitution": {"p": 0.2}},
     "pressure-dependent-restitution": {"pressure-dependent-restitution": {"p": 0.15}},
     "stress-softening": {"stress-softening": {"sigma_m": 0.25, "j_0": 2.0}},
+    "sensor-hysteresis": {"sensor-hysteresis": {"h": 0.1, "w": 20.0}},
+    "sensor-hysteresis, narrow": {"sensor-hysteresis": {"h": 0.2, "w": 2.0}},
     "sensor-highpass": {"sensor-highpass": {"tau_s": 0.08}},
     "sensor-lag": {"sensor-lag": {"T": 1.5e-3}},
     "sensor-filter": {"sensor-filter": {"f_c": 200.0}},
@@ -42,7 +44,7 @@ CASES = {
     "sensor-resonance, high": {"sensor-resonance": {"f_0": 1500.0, "zeta": 0.01}},
     "sensor-resonance, chain": {"sensor-resonance": {"f_0": 130.0, "zeta": 0.2}, "sensor-highpass": {"tau_s": 0.08},
                                 "sensor-lag": {"T": 1.5e-3}, "sensor-gain": {"g": 1.08},
-                                "sensor-filter": {"f_c": 300.0}},
+                                "sensor-filter": {"f_c": 300.0}, "sensor-hysteresis": {"h": 0.1, "w": 10.0}},
     "everything": {
         "polytropic-gas": {"n": 1.2}, "ambient-pressure": {"p_a": 5e4}, "wall-stiffness": {"k_w": 500.0, "q": 1.0},
         "membrane-area": {"alpha": 0.1}, "inflation-growth": {"beta": 0.2}, "gas-leak": {"lambda": 2.0},
@@ -51,12 +53,14 @@ CASES = {
         "pressure-dependent-restitution": {"p": 0.05}, "stress-softening": {"sigma_m": 0.05, "j_0": 3.0},
         "sensor-highpass": {"tau_s": 0.5}, "sensor-lag": {"T": 5e-4}, "sensor-gain": {"g": 1.03},
         "sensor-filter": {"f_c": 300.0}, "sensor-resonance": {"f_0": 250.0, "zeta": 0.1},
+        "sensor-hysteresis": {"h": 0.05, "w": 10.0},
     },
 }  # fmt: skip
 # The sensor's deviation from the force is kept at 64 instants of contact: enough for the smooth deviation that a lag
 # leaves, coarse for the 0.1 ms in which adhesion sets in at full depth.
-TOLERANCES = {"sensor-lag": 3e-5, "sensor-filter": 3e-5, "sensor-resonance": 4e-5, "sensor-resonance, high": 3e-4,
-              "sensor-resonance, chain": 4e-5, "everything": 2e-3}
+TOLERANCES = {"sensor-hysteresis": 3e-5, "sensor-hysteresis, narrow": 2e-4, "sensor-lag": 3e-5, "sensor-filter": 3e-5,
+              "sensor-resonance": 4e-5, "sensor-resonance, high": 3e-4, "sensor-resonance, chain": 4e-5,
+              "everything": 2e-3}
 CONDITIONS = [(1.0e6, 0.4, 1.0), (0.5e6, 0.15, 3.0), (2.4e6, 0.7, 12.0)]
 TIMES = {
     "dense": np.linspace(-0.003, 0.08, 84),
@@ -130,10 +134,10 @@ def test_null_of_every_effect_changes_nothing():
 
 
 def test_catalogue_is_complete():
-    """The eighteen effects of the second simulator under their public names, with the parameters that it has."""
+    """The nineteen effects of the second simulator under their public names, with the parameters that it has."""
     declared = {effect.id: {p.name for p in parameters_of(effect)} for effect in catalogue()}
     expected = {name: set(null) for name, null in independent.NULLS.items() if not name.startswith("x-")}
-    assert declared == expected and len(declared) == 18
+    assert declared == expected and len(declared) == 19
     with pytest.raises(ValueError, match="there is no family 'moon'"):
         catalogue("moon")
 

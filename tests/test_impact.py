@@ -41,6 +41,7 @@ EVERYTHING = {
     "adhesion.tau_a": 5e3, "arm-servo.k_s": 100.0, "speed-dependent-restitution.p": 0.05,
     "pressure-dependent-restitution.p": 0.05, "stress-softening.sigma_m": 0.05, "sensor-highpass.tau_s": 1.0,
     "sensor-lag.T": 5e-4, "sensor-gain.g": 1.03,
+    "sensor-hysteresis.h": 0.05,
     "sensor-filter.f_c": 1.0 / 300.0, "sensor-resonance.f_0": 1.0 / 250.0,  # inverses
 }  # fmt: skip
 

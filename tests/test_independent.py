@@ -134,8 +134,9 @@ def test_every_null_leaves_reference():
         "pressure-dependent-restitution": {"p": 0.0}, "stress-softening": {"sigma_m": 0.0, "j_0": 3.0},
         "sensor-highpass": {"tau_s": 1e15}, "sensor-lag": {"T": 0.0}, "sensor-gain": {"g": 1.0},
         "sensor-filter": {"f_c": math.inf}, "sensor-resonance": {"f_0": math.inf, "zeta": 0.05},
+        "sensor-hysteresis": {"h": 0.0, "w": 20.0},
     }  # fmt: skip
-    assert len(nulls) == 18
+    assert len(nulls) == 19
     plain = simulate(BASE, {}, CONDITIONS, TIMES)
     assert np.abs(simulate(BASE, nulls, CONDITIONS, TIMES) - plain).max() < 1e-8
     strong = {name: {symbol: value or 0.1 for symbol, value in null.items()} for name, null in nulls.items()}

@@ -1,4 +1,4 @@
-"""Filters of a sensor, of first and second order, against analytic responses and an integrator's."""
+"""A sensor's filters, of first and second order, and its friction, against analytic responses and an integrator's."""
 
 import jax
 import jax.numpy as jnp
@@ -8,6 +8,7 @@ from scipy.integrate import solve_ivp
 
 from ddetumble.contact.signal import (
     Signal,
+    follow_friction,
     lag,
     lag_deficits,
     low_pass,
@@ -159,3 +160,22 @@ def test_resonance_weights_derive_smoothly(ratio, damping):
         above, below = (resonance_weights(place[0] + way * step[0], place[1] + way * step[1]) for way in (1.0, -1.0))
         for one, two, three in zip(found, above, below, strict=True):
             np.testing.assert_allclose(one, (two - three) / (2 * step[k]), rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("width", [0.3, 4.0, 50.0])
+@pytest.mark.parametrize("pace", [1.0, 1e3])
+def test_friction_depends_on_the_way_and_not_on_the_pace(width, pace):
+    """A jump to 4 N, up to 10 N and back within one interval: Dahl's law, branch by branch."""
+    share = np.array([0.0, 0.2, 0.4, 0.63, 0.8, 1.0])  # the turn, at a half, is neither a node nor a middle
+    course = lambda u: 10.0 - 24.0 * (u - 0.5) ** 2
+    middle = 0.5 * (share[1:] + share[:-1])
+    force = Signal(*map(jnp.asarray, (np.diff(share) / pace, course(share[:-1]), course(middle), course(share[1:]))))
+    found = follow_friction(force, width)
+    highest = -np.expm1(-10.0 / width)
+
+    def expect(u):
+        rising, falling = -np.expm1(-course(u) / width), (1.0 + highest) * np.exp((course(u) - 10.0) / width) - 1.0
+        return np.where(u < 0.5, rising, falling)
+
+    for part, places in ((found.start, share[:-1]), (found.middle, middle), (found.end, share[1:])):
+        np.testing.assert_allclose(part, expect(places), atol=1e-12)

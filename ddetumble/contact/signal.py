@@ -258,3 +258,30 @@ def resonate(signal: Signal, inverse_frequency: Array, damping: Array) -> Signal
     # A gauge that does not ring follows jumps too.
     start = jnp.where(constant > 0.0, start, signal.start)
     return Signal(signal.duration, start, middle, end)
+
+
+def follow_friction(signal: Signal, width: Array) -> Signal:
+    r"""State $z$ of Dahl's friction: $dz/dx = (1 - z)/w$ while x rises, $(1 + z)/w$ while it falls; $z = 0$ at first.
+
+    It depends on the way of x and not on its pace (Dahl 1968), and stays within -1..1: exact for each parabola, jumps
+    included.
+
+    Args:
+        signal: x, which starts from 0 [N].
+        width: w, the change of x over which z turns [N], positive.
+    """
+    c0, c1, c2 = _parabola(signal)
+    curved = jnp.abs(c2) > 0.0
+    turn = jax.lax.stop_gradient(jnp.where(curved, -0.5 * c1 / jnp.where(curved, c2, 1.0), 0.0))
+    halves = jnp.clip(turn, 0.0, 0.5), jnp.clip(turn, 0.5, 1.0)  # where a half of the parabola turns
+    first, second = (c0 + u * (c1 + u * c2) for u in halves)
+    before = jnp.concatenate([jnp.zeros_like(signal.end[:1]), signal.end[:-1]])
+    way = jnp.diff(jnp.stack([before, signal.start, first, signal.middle, second, signal.end]), axis=0)
+    keep, push = jnp.exp(-jnp.abs(way) / width), -jnp.sign(way) * jnp.expm1(-jnp.abs(way) / width)
+    whole, total = jnp.ones_like(before), jnp.zeros_like(before)
+    for one, more in zip(keep, push, strict=True):
+        whole, total = one * whole, one * total + more
+    state, end = _accumulate(whole, total)
+    start = keep[0] * state + push[0]
+    middle = keep[2] * (keep[1] * start + push[1]) + push[2]
+    return Signal(signal.duration, start, middle, end)

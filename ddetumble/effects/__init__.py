@@ -47,6 +47,7 @@ from .impact import PressureDependentRestitution as PressureDependentRestitution
 from .impact import SensorFilter as SensorFilter
 from .impact import SensorGain as SensorGain
 from .impact import SensorHighpass as SensorHighpass
+from .impact import SensorHysteresis as SensorHysteresis
 from .impact import SensorLag as SensorLag
 from .impact import SensorResonance as SensorResonance
 from .impact import SpeedDependentRestitution as SpeedDependentRestitution

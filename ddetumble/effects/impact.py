@@ -23,7 +23,7 @@ from ..contact.effect import (
     parameter,
 )
 from ..contact.geometry import membrane_area_radius
-from ..contact.signal import Signal, lag, low_pass, resonate
+from ..contact.signal import Signal, follow_friction, lag, low_pass, resonate
 
 
 WALL_MODULUS = 7.8e6  # Table 2, E of the rubber [Pa]
@@ -276,6 +276,27 @@ class PressureDependentRestitution(AbstractRestitutionEffect):
 
 
 @final
+class SensorHysteresis(AbstractSensorEffect):
+    r"""Friction in the gauge: measured $= F - h w z$, $dz/dF = (1 - z)/w$ while F rises, $(1 + z)/w$ while it falls."""
+
+    h: Scalar = parameter("", 0.0, typical=0.02, sign=1, bounds=(-1.0, 2.0), starts=(0.05,),
+                          text="share of a change of the force that friction takes at first", limits=(0.0, 1.0),
+                          limits_reason="beyond 1 the reading would fall while the force rises")
+    w: Scalar = parameter("N", 20.0, kind="shape", typical=10.0, bounds=(0.3, 1e3), coordinate="log",
+                          starts=(5.0, 40.0), text="change of the force over which friction turns",
+                          limits=(0.01, 1e5), limits_reason="friction turns within the range of a gauge, from grams "
+                                                            "to tonnes")
+    id: ClassVar[str] = "sensor-hysteresis"
+    law: ClassVar[str] = "measured = F - h w z, dz/dF = (1 - z)/w while F rises, (1 + z)/w while it falls, z(0) = 0"
+    reference: ClassVar[str] = "Dahl 1968, A Solid Friction Model, TOR-0158(3107-18)-1: friction of a gauge's joints"
+    order: ClassVar[int] = 0
+
+    def reading(self, force: Signal) -> Signal:
+        """F - h w z [N]."""
+        return force.minus(follow_friction(force, self.w).map(lambda z: self.h * self.w * z))
+
+
+@final
 class SensorHighpass(AbstractSensorEffect):
     r"""Charge amplifier: measured $= F - y$, $dy/dt = (F - y)/\tau_s$."""
 
@@ -390,5 +411,5 @@ class Adhesion(AbstractSurfaceForce):
 IMPACT: tuple[type[AbstractEffect], ...] = (
     PolytropicGas, AmbientPressure, WallStiffness, MembraneArea, InflationGrowth, GasLeak, ViscoelasticWall,
     ViscousDashpot, Adhesion, ArmServo, SpeedDependentRestitution, PressureDependentRestitution, StressSoftening,
-    SensorHighpass, SensorLag, SensorFilter, SensorGain, SensorResonance,
+    SensorHysteresis, SensorHighpass, SensorLag, SensorFilter, SensorGain, SensorResonance,
 )

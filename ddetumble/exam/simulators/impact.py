@@ -1,7 +1,7 @@
 """Impact records of an inflated ball, integrated with SciPy from the written physics.
 
 Sources: "the paper" is *Impact Force Identification of the Variable Pressure Flexible Impact End-Effector
-in Space Debris Active Detumbling* (2020), Eqs. 2-6; eighteen further effects follow the project's catalogue.
+in Space Debris Active Detumbling* (2020), Eqs. 2-6; nineteen further effects follow the project's catalogue.
 SI units throughout. Nothing of the package under test is imported.
 
 The order of the stages, which matters as soon as two effects meet:
@@ -36,7 +36,7 @@ NULLS = {
     "arm-servo": {"k_s": 0.0}, "speed-dependent-restitution": {"p": 0.0}, "pressure-dependent-restitution": {"p": 0.0},
     "stress-softening": {"sigma_m": 0.0, "j_0": 1.0}, "sensor-highpass": {"tau_s": math.inf}, "sensor-lag": {"T": 0.0},
     "sensor-filter": {"f_c": math.inf}, "sensor-gain": {"g": 1.0},
-    "sensor-resonance": {"f_0": math.inf, "zeta": 0.05},
+    "sensor-resonance": {"f_0": math.inf, "zeta": 0.05}, "sensor-hysteresis": {"h": 0.0, "w": 20.0},
     # outside the catalogue
     "x-end-stop": {"k": 0.0, "depth": math.inf, "exponent": 1.5}, "x-ringing": {"A": 0.0, "f": 70.0, "decay": 0.0},
     "x-arm-vibration": {"force": 0.0, "f": 70.0}, "x-pressure-power": {"s": 0.0},
@@ -121,6 +121,7 @@ class Impact:
         soft = x["stress-softening"]
         self.factor = 1.0 - soft["sigma_m"] * -math.expm1(-(self.sequence - 1.0) / soft["j_0"])
         self.factor *= (self.pressure / REFERENCE_PRESSURE) ** x["x-pressure-power"]["s"]
+        self.hold_back: Any = None  # friction in the gauge (N) as a function of time in contact, once that is known
 
     def measure_disc(self, depression):
         """Return the radius (m) of the flat contact disc."""
@@ -156,9 +157,10 @@ class Impact:
         return force
 
     def ring(self, time, force):
-        """Return what the gauge's mount makes of the force: F (1 + A exp(-decay t) sin(2 pi f t))."""
+        """Return F (1 + A exp(-decay t) sin(2 pi f t)), by the gauge's mount, less the friction in the gauge."""
         x = self.effects["x-ringing"]
-        return force * (1.0 + x["A"] * math.exp(-x["decay"] * time) * math.sin(2.0 * math.pi * x["f"] * time))
+        swung = force * (1.0 + x["A"] * math.exp(-x["decay"] * time) * math.sin(2.0 * math.pi * x["f"] * time))
+        return swung - (self.hold_back(time) if self.hold_back else 0.0)
 
     def list_second_order(self):
         """Return (frequency, damping ratio) of what follows the force as a mass on a damped spring does."""
@@ -198,6 +200,24 @@ class Impact:
         return 4.0 * (1.5 * self.mass * self.speed**2 / (1.94 * self.pressure)) ** (1.0 / 3.0) / self.speed
 
 
+def follow_friction(impact, end, solution):
+    """Return friction in the gauge (N) as a function of time (s) in a contact of known motion, up to `end`.
+
+    Dahl's law, dz/dF = (sgn(dF/dt) - z) sgn(dF/dt)/w, from one of 4001 instants to the next; a force that is there at
+    once is a first step.
+    """
+    x = impact.effects["sensor-hysteresis"]
+    times = 0.5 * end * (1.0 - np.cos(np.pi * np.arange(4001) / 4000))
+    force = [impact.ring(time, impact.find_contact_force(time, *state[:3]))
+             for time, state in zip(times, solution(times).T, strict=True)]
+    state, found = 0.0, []
+    for step in np.diff(force, prepend=0.0):
+        way = math.copysign(1.0, step)
+        state = way - (way - state) * math.exp(-abs(step) / x["w"])
+        found.append(x["h"] * x["w"] * state)
+    return lambda time: np.interp(time, times, found)
+
+
 def integrate_contact(impact, end, rtol=1e-11, atol=1e-13, parts=60):
     """Return (dense solution, separation time or None) of one contact from first touch to separation or `end`.
 
@@ -216,7 +236,12 @@ def integrate_contact(impact, end, rtol=1e-11, atol=1e-13, parts=60):
                          max_step=impact.guess_contact_time() / parts)
     if not solution.success:
         raise RuntimeError(solution.message)
-    return solution.sol, solution.t_events[0][0] if solution.t_events[0].size else None
+    separation = solution.t_events[0][0] if solution.t_events[0].size else None
+    if impact.effects["sensor-hysteresis"]["h"] and impact.hold_back is None:
+        # The motion does not know of the gauge: only the states of filters behind it are others now.
+        impact.hold_back = follow_friction(impact, end if separation is None else separation, solution.sol)
+        return integrate_contact(impact, end, rtol, atol, parts)
+    return solution.sol, separation
 
 
 def simulate(base, effects, conditions, times, channels=("normal_force",), rtol=1e-11, parts=60):
@@ -237,12 +262,12 @@ def simulate(base, effects, conditions, times, channels=("normal_force",), rtol=
             columns["normal_force"][i] = impact.sense(force, leaked, lagged, swing)[1]
             columns["depression"][i] = depression
             columns["pressure"][i] = impact.find_gas_pressure(times[i], max(depression, 0.0))
-        if gone.size:  # no force acts on the gauge any more, and none on the gas
+        if gone.size:  # no force acts on the gauge any more but its own friction, and none on the gas
             columns["pressure"][gone] = impact.pressure * math.exp(-impact.effects["gas-leak"]["lambda"] * end)
 
             def sense_nothing(gauge):
                 leaked, lagged, *swing = gauge
-                return impact.sense(0.0, leaked, lagged, swing)
+                return impact.sense(impact.ring(end, 0.0), leaked, lagged, swing)
 
             tail = solve_ivp(lambda _, gauge: sense_nothing(gauge)[0], (0.0, times[-1] - end), solution(end)[3:],
                              method="DOP853", t_eval=times[gone] - end, rtol=rtol, atol=1e-11)

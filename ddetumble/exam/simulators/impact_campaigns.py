@@ -37,6 +37,7 @@ CATALOGUE = {
     "sensor-filter": Hidden(inverse={"f_c": 200.0}, most=3.0, since=4),
     "sensor-gain": Hidden({"g": 0.06}, {"g": 1.0}),
     "sensor-resonance": Hidden(inverse={"f_0": 200.0}, shapes={"zeta": (0.01, 0.3)}, most=2.5, since=3),
+    "sensor-hysteresis": Hidden({"h": 0.05}, shapes={"w": (3.0, 60.0)}, most=10.0, since=5),  # in the next edition
 }
 OUTSIDE = {
     "x-end-stop": Hidden({"k": 1.0e5}, shapes={"depth": (4.5e-3, 6.0e-3)}, most=30.0),
