@@ -81,7 +81,7 @@ def test_every_stage_of_the_catalogue():
 def test_a_function_at_every_stage(stage):
     """It acts in the method of its stage, with all that this is given."""
     (method,) = STAGES[stage].__abstractmethods__
-    state = {"inertia": (), "gyroscope": (1.0, 2.0)}.get(stage, (1.0,))
+    state = {"inertia": (), "gyroscope": (1.0, 2.0), "axes": (1.0, 2.0)}.get(stage, (1.0,))
     laws = {0: lambda k: k, 1: lambda x, k: k * x, 2: lambda x, t, k: k * x * t}
     kind = effect(stage, id="five", law="five times", k=parameter("m", 5.0))(laws[len(state)])
     assert float(getattr(kind(), method)(*state)) == 5.0 * float(np.prod(state))
