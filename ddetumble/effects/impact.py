@@ -283,7 +283,7 @@ class SensorHysteresis(AbstractSensorEffect):
                           text="share of a change of the force that friction takes at first", limits=(0.0, 1.0),
                           limits_reason="beyond 1 the reading would fall while the force rises")
     w: Scalar = parameter("N", 20.0, kind="shape", typical=10.0, bounds=(0.3, 1e3), coordinate="log",
-                          starts=(5.0, 40.0), text="change of the force over which friction turns",
+                          starts=(15.0,), text="change of the force over which friction turns",
                           limits=(0.01, 1e5), limits_reason="friction turns within the range of a gauge, from grams "
                                                             "to tonnes")
     id: ClassVar[str] = "sensor-hysteresis"
