@@ -56,6 +56,12 @@ def test_help(command, capsys):
     assert f"Usage: ddetumble {command}" in text and "Example" in text and f"ddetumble {command} " in text
 
 
+def test_help_states_the_effort_that_is_the_default(capsys):
+    assert main(["discover", "--help"]) == 0
+    words = " ".join(capsys.readouterr().out.split())
+    assert f" {dd.SelectionSettings().effort}. " in words[words.index("--effort"): words.index("--keep-all")]
+
+
 def test_help_lists_commands(capsys):
     """Without a command, the help; it lists all of them."""
     assert main([]) == 0

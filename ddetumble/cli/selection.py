@@ -106,7 +106,7 @@ def discover_effects(
     effects_from: Annotated[Path | None, option("FILE.py", "Try all effects of this file of yours.")] = None,
     effort: Annotated[int | None, option(
         "ROUNDS", "Search at most so many rounds, in each of which every effect is tried beside a model; the verdict "
-                  "says what was left out for want of more. If not given, as many as hardly any campaign needs.",
+                  "says what was left out for want of more. If not given, 40.",
         min=1)] = None,
     keep_all: KeepAll = False,
     overwrite: Overwrite = False,
