@@ -10,6 +10,7 @@ from ddetumble.exam.simulators.campaigns import write_package
 from ddetumble.exam.simulators.impact_campaigns import make_campaign
 from ddetumble.measurement.package import read_campaign
 from ddetumble.selection.discover import discover
+from ddetumble.selection.settings import SelectionSettings
 from tests.helpers_ranking import check_ranking
 
 
@@ -99,6 +100,16 @@ def test_a_search_that_is_cut_short_names_nothing(tmp_path, capsys):
     assert {one["effect"], *one["alternatives"]} & set(truth)
     told = capsys.readouterr().out
     assert "--effort" in told and one["effect"] in told
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["slip-d", "impact-e"])
+def test_one_round_is_enough_for_one_effect(name):
+    """What needs no further search leaves none out."""
+    found = discover(find_data() / name, settings=SelectionSettings(effort=1))
+    truth = json.loads((find_data() / "truth.json").read_text())[name]["effects"]
+    assert (found.verdict, set(found.effects), found.unsearched) == ("explained", set(truth), ())
+    assert found.counts["rounds"] == 1
 
 
 @pytest.mark.study

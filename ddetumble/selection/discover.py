@@ -95,8 +95,7 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
         path = allow_wander(path, report)
         # A wrong unit that would explain what is odd about the campaign is asked about before any physics is named.
         questions = tuple(str(one) for one in check_plausibility(state.campaign) if one.mistakes)
-        units = "a check whether pressures and diameters are stated rightly"
-        if not questions and (not path.steps[0].lack.rejected or may_search(units)):
+        if not questions:
             report("asking whether pressures and diameters are stated rightly", 0.877)
             restated = find_restatement(state.campaign, path, lambda campaign: begin(campaign, state.zeros),
                                         shared is not None, settings, report)

@@ -17,7 +17,7 @@ class Effort:
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """Every search that was left out, once, in words that follow "without"."""
+        """Every search that was left out, once, each as a noun of a sentence."""
         return tuple(self._left_out)
 
     def count_round(self) -> None:

@@ -12,6 +12,7 @@ from .._display import Progress, nest_progress, stay_silent
 from .._errors import ComputationError
 from ..measurement.campaign import Campaign
 from .data_errors import AMBIENT
+from .effort import may_search
 from .forward_selection import Path, select_effects
 from .problem import Fitted, SelectionProblem
 from .settings import SelectionSettings
@@ -83,7 +84,8 @@ def find_restatement(campaign: Campaign, path: Path, begin: Callable[[Campaign],
         if not selection.test_lack_of_fit(reference)[0].rejected:
             if reference.merit < last.merit:
                 found.append((reference.merit, restated, ()))
-        elif not explained or len(last.effects) + shared > 1:
+        elif (not explained or len(last.effects) + shared > 1) and may_search(
+                "a search with pressures or diameters stated otherwise"):
             listed = tuple(e for e in selection.catalogue if e.id in last.effects) if explained else selection.catalogue
             again = select_effects(dc.replace(selection, catalogue=listed), reference,
                                    nest_progress(report, "stated otherwise", 0.877, 0.877), most=1)
