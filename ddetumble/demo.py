@@ -27,9 +27,10 @@ def run_demo(folder: Path | str, echo: Callable[[str], None] = print) -> Path:
             echo(f"   {line}")
 
     folder = Path(folder)
-    echo("1. The paper: its printed peaks, and what eleven numbers can show (Table 3):")
-    echo("   " + discover(read_campaign(find_data() / "paper" / "table-3")).sentence)
-    tell(["Its contradictions, each with two numbers and a figure:  ddetumble paper"])
+    echo("1. The paper's model beside the eleven peak forces that the paper printed (Table 3):")
+    tell([compare(read_campaign(find_data() / "paper" / "table-3")).sentence,
+          "What could explain them:  ddetumble discover paper/table-3",
+          "Its contradictions, each with two numbers and a figure:  ddetumble paper"])
     echo("")
     campaign = read_campaign(find_data() / "impact-a")
     count = len(campaign.record_keys)

@@ -104,6 +104,20 @@ def test_small_steps_in_front_of_a_jump_come_to_an_end(place):
     np.testing.assert_allclose(found.value[0], place, atol=0.03)
 
 
+def test_a_promise_that_no_step_keeps_comes_to_an_end():
+    """At the kink of 10 + |x| the undamped step promises all of the sum of squares, on either side: no step gives
+    any, and the fit is not taken for one that converged."""
+
+    def fn(y, args):
+        return ((10.0 + jnp.abs(y[0]))[None], y[1], 0.0 * y[0]), None
+
+    solver = BorderedLevenbergMarquardt(jnp.asarray(1e-7), jnp.asarray(1000))
+    found = optx.least_squares(fn, solver, (jnp.ones(1), jnp.zeros((1, 1))), has_aux=True, throw=False, max_steps=2000)
+    assert not solver.has_converged(found.state)
+    assert found.stats["num_steps"] < 200
+    np.testing.assert_allclose(found.value[0], 0.0, atol=1e-4)
+
+
 def make_solution(shared):
     """A fit of which only the derivatives by its parameters matter; one nuisance, which nothing depends on."""
     records, rows, count = shared.shape

@@ -487,7 +487,8 @@ def test_parts_of_a_slip_record():
     single, series = (make_slip_discovery(strokes).steps[0].traces[0] for strokes in (None, STROKES))
     assert choose_view([single]).phases == () and choose_view([series]).phases == ("forward", "backward")
     place = describe_place(Place("", "sequence", (1, 9), "", 0.5), choose_view([single]))
-    assert (place["variable"], place["low"], place["high"]) == ("number of the test of the series", "1", "9")
+    assert (place["variable"], place["span"]) == ("number of the test of the series", "1 to 9")
+    assert describe_place(Place("", "sequence", (4, 4), "", 0.5), choose_view([single]))["span"] == "4"
     assert describe_place(Place("", "direction", (-1, 1), "", 0.5), choose_view([series]))["direction"]
     assert choose_view().force == "normal_force" and choose_view(family="slip").force == "tangential_force"
     assert find_phase(single).all() and share_span(single)[[0, -1]] == pytest.approx([0, 1])

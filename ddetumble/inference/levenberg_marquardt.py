@@ -18,6 +18,7 @@ from jaxtyping import Array, Bool
 
 STALLED = 1e-5  # of the sum of squares, gained by a step: less changes no digit of a result; smaller takes more steps
 IDLE = 0.01  # of the expected decrease, gained by a trial: with less it counts as failed, when nothing is left to gain
+LONG, STILL = 20, 1e-7  # trials in a row that lower the sum of squares by less than this share: no valley is so flat
 FIRST_DAMPING = 1e-3  # relative to the diagonal of the normal equations: nearly Gauss-Newton, as starts are good
 FAINT, DEAD = 1.0, 1e-6  # sum of squares by a typical change of a parameter, at least, as damped and as solved for
 
@@ -108,6 +109,9 @@ class _SearchState(eqx.Module):
     growth: Array
     trials: Array
     idle: Array  # trials in a row that gained hardly anything of what was expected
+    # mark, since: sum of squares that has last fallen noticeably (half of it), and the trials made since then.
+    mark: Array
+    since: Array
 
 
 class _GainSearch(optx.AbstractSearch):
@@ -119,7 +123,8 @@ class _GainSearch(optx.AbstractSearch):
     tolerance: Array
 
     def init(self, y: Any, f_info_struct: Any) -> _SearchState:
-        return _SearchState(jnp.asarray(FIRST_DAMPING), jnp.asarray(10.0), jnp.asarray(0), jnp.asarray(0))
+        return _SearchState(jnp.asarray(FIRST_DAMPING), jnp.asarray(10.0), jnp.asarray(0), jnp.asarray(0),
+                            jnp.asarray(jnp.inf), jnp.asarray(0))
 
     def step(self, first_step: Bool[Array, ""], y: Any, y_eval: Any, f_info: Any, f_eval_info: Any,
              state: _SearchState) -> tuple[Array, Bool[Array, ""], optx.RESULTS, _SearchState]:
@@ -134,7 +139,7 @@ class _GainSearch(optx.AbstractSearch):
                             jnp.where(accept, state.damping * shrink, state.damping * state.growth))
         growth = jnp.where(accept, 10.0, 5.0 * state.growth)
         damping = jnp.clip(damping, 1e-12, 1e12)
-        later = _SearchState(damping, growth, state.trials + 1, state.idle)
+        later = _SearchState(damping, growth, state.trials + 1, state.idle, state.mark, state.since)
         return 1.0 / damping, accept, optx.RESULTS.successful, later
 
 
@@ -145,7 +150,9 @@ class BorderedLevenbergMarquardt(optx.AbstractGaussNewton):
     of a standard error. It also ends where less than a share `STALLED` is expected and three trials in a row
     gain hardly anything of it: where the force breaks off at separation, the sum of squares jumps as separation passes
     a sample. In front of such a jump ever shorter steps still pass, and gain nothing.
-    After `most` trials it gives up, as `max_steps` of optimistix would, which is compiled in; `has_converged` tells.
+    It gives up after `most` trials, as `max_steps` of optimistix would, which is compiled in, and where `LONG` trials
+    in a row lowered the sum of squares by less than a share `STILL` altogether: at a limit, or where few numbers meet
+    nearly collinear columns, an undamped step promises what no damped one gives. `has_converged` tells these apart.
     `optimistix.least_squares` runs it on functions of `(theta, z)`, shapes (shared,) and (records, own).
     """
 
@@ -167,10 +174,13 @@ class BorderedLevenbergMarquardt(optx.AbstractGaussNewton):
         """One trial; ends as soon as little is expected from another."""
         before, expected = state.f_info.as_min(), state.descent_state.expected
         y, state, _ = super().step(fn, y, args, options, state, tags)
-        gained = 2.0 * (before - state.f_info.as_min())
-        idle = jnp.where(jnp.isinf(expected) | (gained > IDLE * expected), 0, state.search_state.idle + 1)
-        state = eqx.tree_at(lambda s: s.search_state.idle, state, idle)
-        done = self.has_converged(state) | (state.search_state.trials >= self.most)
+        after, search = state.f_info.as_min(), state.search_state
+        idle = jnp.where(jnp.isinf(expected) | (2.0 * (before - after) > IDLE * expected), 0, search.idle + 1)
+        fell = after < (1.0 - STILL) * search.mark
+        mark, since = jnp.where(fell, after, search.mark), jnp.where(fell, 0, search.since + 1)
+        state = eqx.tree_at(lambda s: (s.search_state.idle, s.search_state.mark, s.search_state.since), state,
+                            (idle, mark, since))
+        done = self.has_converged(state) | (search.trials >= self.most) | (since >= LONG)
         return y, eqx.tree_at(lambda s: s.terminate, state, done), state.aux
 
     def has_converged(self, state) -> Bool[Array, ""]:

@@ -56,12 +56,13 @@ def describe_place(place: Place, view: View) -> dict[str, Any]:
     shown = q.describe_quantity(place.variable, [low, high, *((view.longest,) if timed else ())])
     unit, counts = f" {shown.unit}" if shown.unit else "", place.variable == "sequence"
     number = (lambda value: f"{value:.0f}") if counts else q.format_number
+    first, last = number(shown.scale * low), number(shown.scale * high)
     if place.period is not None and math.isfinite(place.period):
         period = format_time(place.period) if timed else f"{q.format_number(shown.scale * place.period)}{unit}"
     return {
         "channel": q.describe_quantity(place.channel).name,
         "variable": f"number of the {view.series}" if counts else shown.name,
-        "low": number(shown.scale * low), "high": f"{number(shown.scale * high)}{unit}",
+        "span": f"{first} to {last}{unit}" if first != last else f"{last}{unit}",
         "phase": _PHASES[place.phase] if place.phase in view.phases else "", "period": period,
         "share": place.share, "removes": place.removes, "direction": place.variable == "direction",
         "throughout": place.share >= WHOLE and timed and low <= MARGIN * view.longest
