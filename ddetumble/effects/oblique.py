@@ -12,7 +12,7 @@ from ..contact.gripping import AbstractAxesEffect, AbstractComplianceEffect, Abs
 class TangentialCompliance(AbstractComplianceEffect):
     r"""The patch grips on a tangential spring, $f = \xi/C$, until $\mu F_n$: friction can reverse within an impact."""
 
-    compliance: Scalar = parameter("m/N", 0.0, typical=5e-5, sign=1, starts=(2e-5, 1e-4), bounds=(0.0, 1.0),
+    compliance: Scalar = parameter("m/N", 0.0, typical=5e-5, sign=1, starts=(4e-6, 2e-5, 1e-4), bounds=(0.0, 1.0),
                                    singular=True, text="tangential compliance of the patch", limits=(0.0, 1e-2),
                                    limits_reason="about 1.4 times that along the normal (Mindlin): 1e-4 m/N at 1e4 N/m")
     id: ClassVar[str] = "tangential-compliance"
