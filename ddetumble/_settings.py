@@ -2,6 +2,7 @@
 shipped data are.
 """
 
+import ctypes
 import gc
 import logging
 import os
@@ -22,6 +23,7 @@ _SHARE = 0.5  # of the machine's memory: what else the process holds, and other 
 _UNKNOWN = 8e9  # bytes, of a machine that does not say what it has
 # Linux gives a process 65,530 memory mappings, each compiled program takes some, and XLA aborts when they run out.
 _MAPPINGS, _MOST = Path("/proc/self/maps"), 20_000
+_PAGES = Path("/proc/self/statm")  # memory of this process, in pages: what is mapped, what is resident ...
 # What a loop may touch to become one kernel [bytes]: any amount, as the solver makes its loops small enough itself.
 _LOOPS, _ANY_SIZE = "--xla_backend_extra_options", "xla_cpu_small_while_loop_byte_threshold=1000000000"
 _configured = False
@@ -74,13 +76,31 @@ def find_platform() -> str:
 def forget_programs() -> None:
     """Forget compiled programs where a process holds many, so that hundreds of campaigns can follow each other in it.
 
-    Those that are still wanted are read from the cache on disk again.
+    Those that are still wanted are read from the cache on disk again. Many are more than Linux has mappings for, or
+    than fit into the process's part of the allowed memory, were there one for every core.
     """
-    if _MAPPINGS.exists() and _MAPPINGS.read_bytes().count(b"\n") > _MOST:
+    crowded = _MAPPINGS.exists() and _MAPPINGS.read_bytes().count(b"\n") > _MOST
+    if crowded or measure_resident() > find_memory() / (os.cpu_count() or 1):
         import jax
 
         jax.clear_caches()
         gc.collect()
+        trim_heap()
+
+
+def measure_resident() -> float:
+    """Memory that this process holds [bytes]; 0 where the system does not say."""
+    try:
+        return float(_PAGES.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, ValueError, IndexError, AttributeError):
+        return 0.0
+
+
+def trim_heap() -> None:
+    """Give memory back that is free in the C library's heap: glibc keeps what compiling leaves, some 100 MB each."""
+    if sys.platform == "linux":
+        with suppress(OSError, AttributeError):  # another C library, which has no such function
+            ctypes.CDLL("libc.so.6").malloc_trim(0)
 
 
 def find_cache() -> Path:

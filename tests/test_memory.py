@@ -5,11 +5,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import jax
 import numpy as np
 import pandas as pd
 import pytest
 
 import ddetumble as dd
+from ddetumble import _settings
 from ddetumble.cli import main
 
 
@@ -135,3 +137,22 @@ def test_thinning():
     assert counts["r02"] == 100 and 200 < counts["r01"] <= 333 and f"{len(mixed.samples):,}" in said
     assert not pd.merge(thin.samples, mixed.samples, how="left", indicator=True)["_merge"].ne("both").any()
     assert thin_campaign(mixed, 10_000) == (mixed, "")
+
+
+def test_programs_are_forgotten_where_memory_is_short(monkeypatch):
+    """Where a process holds more than its part, its compiled programs go; where it has room, they stay."""
+    double = jax.jit(lambda x: 2.0 * x)
+    double(1.0)
+    monkeypatch.setattr(_settings, "find_memory", lambda: 1e15)
+    _settings.forget_programs()
+    assert double._cache_size() == 1
+    monkeypatch.setattr(_settings, "find_memory", lambda: 1.0)
+    _settings.forget_programs()
+    assert double._cache_size() == 0 and double(1.0) == 2.0
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="another system does not say what a process holds")
+def test_resident_memory_is_what_an_array_takes():
+    before = _settings.measure_resident()
+    numbers = np.ones(40_000_000)
+    assert _settings.measure_resident() - before == pytest.approx(numbers.nbytes, rel=0.2)

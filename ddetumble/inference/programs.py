@@ -25,7 +25,7 @@ from jax import export
 
 from .._errors import InputError
 from .._numerics import is_known
-from .._settings import PROGRAM, find_platform
+from .._settings import PROGRAM, find_platform, trim_heap
 from .files import write_whole
 
 
@@ -126,6 +126,7 @@ def _prepare(function, static, name, like, arrays, form: str, platform: str) -> 
     folder = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
     if name is None or folder is None:
         return plain
+    trim_heap()  # what compiling the program before this one has left
     text = "\n".join([identify_code(), platform, function.__module__, function.__qualname__, name, form])
     path = Path(folder) / f"{hashlib.sha256(text.encode()).hexdigest()}{PROGRAM}"
     kept = _read(path)
