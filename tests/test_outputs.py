@@ -12,6 +12,7 @@ import typer
 
 from ddetumble.cli import app, main
 from ddetumble.cli.places import open_folder
+from tests.helpers_report import make_discovery
 
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -179,6 +180,37 @@ def test_commands_take_values_of_which_a_test_gives_one(tmp_path, capsys):
         told = capsys.readouterr().err.splitlines()[-1]
         assert "peaks" in told or "no rival" in told, words
     assert list_all(tmp_path) == before
+
+
+@pytest.mark.parametrize(("words", "kept"), [
+    (["discover", "impact-b"], {"result.json"}),
+    (["fit", "paper/figure-8"], {"fit.json", "model.json"}),
+    (["compare", "paper/figure-8"], {"compare.json"}),
+    pytest.param(["plan", "axial-spin-without-friction.toml"], {"plan.json"}, marks=pytest.mark.slow),
+], ids=lambda one: one[0] if isinstance(one, list) else "")  # fmt: skip
+def test_results_outlive_a_page_that_fails(words, kept, tmp_path, capsys, monkeypatch):
+    """Half of a page is no page: its figures, which were written before it failed, go. What discover found is made up,
+    as a search takes minutes.
+    """
+    from ddetumble.reports import page
+    from ddetumble.selection import discover
+
+    write = page.write_bytes
+
+    def fail(path, content):
+        if path.suffix == ".html":
+            raise ValueError("no such glyph")
+        write(path, content)
+
+    monkeypatch.setattr(page, "write_bytes", fail)
+    monkeypatch.setattr(discover, "discover", lambda *_, **__: make_discovery("explained"))
+    assert main([*words, "-o", str(tmp_path / "out")]) == 1
+    printed = capsys.readouterr()
+    told = [line for line in printed.err.splitlines() if "no such glyph" in line]
+    assert len(told) == 1 and str(tmp_path / "out") in told[0] and "-ddetumble-" not in told[0]
+    assert str(tmp_path / "out") in printed.out and len(printed.out.splitlines()) > 1
+    assert kept <= set(list_all(tmp_path / "out")) and not list(tmp_path.rglob("figures"))
+    assert not list(tmp_path.rglob("*.html")) and os.listdir(tmp_path) == ["out"]
 
 
 def test_a_fit_goes_beside_its_specification(tmp_path, capsys):

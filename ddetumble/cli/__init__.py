@@ -48,7 +48,7 @@ def _show_help(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; returns its exit code: 0, 2 for bad input, 1 for a failure of the computation.
+    """Run one command; returns its exit code: 0, 2 for bad input, 1 for a failure of the computation or of a page.
 
     It runs on the processor unless JAX_PLATFORMS says otherwise.
 

@@ -22,7 +22,7 @@ from .options import (
     place,
     read_source,
 )
-from .places import check_file, open_folder, write_bytes, write_table
+from .places import check_file, open_folder, tell_page, write_bytes, write_table
 from .progress import show_progress
 
 
@@ -81,9 +81,10 @@ def fit_parameters(
             from ..reports.fit import report_fit
 
             report("drawing the page", 0.99)
-            page = report_fit(result, out.draft).name
+            page = out.draw(lambda draft: report_fit(result, draft))
     typer.echo(str(result))
-    typer.echo(f"Written to {read.folder}" if page is None else f"Report: {read.folder / page}")
+    code = tell_page(page, read.folder)
+    return None if output is None else code
 
 
 def _fit_several(sources: list[str], output: Path | None, effects_from: Path | None, model: str | None,
@@ -119,15 +120,20 @@ def _fit_several(sources: list[str], output: Path | None, effects_from: Path | N
         fits = [fit(read.measured, **read.chosen, progress=report) for read in found]
         result = fit_population(fits) if population else fit_jointly(fits, own=own)
         result.save(out.draft)
-        write_bytes(render_png(draw_forest(result.intervals)), out.draft / "estimates.png")
-        page = None
-        if output is not None:
+
+        def draw(draft: Path) -> Path:
+            write_bytes(render_png(draw_forest(result.intervals)), draft / "estimates.png")
+            if output is None:
+                return draft
             from ..reports.joint import report_joint
 
             report("drawing the page", 0.99)
-            page = report_joint(result, out.draft).name
+            return report_joint(result, draft)
+
+        page = out.draw(draw)
     typer.echo(str(result))
-    typer.echo(f"Written to {out.path}" if page is None else f"Report: {out.path / page}")
+    code = tell_page(None if output is None else page, out.path)
+    return None if page is not None else code
 
 
 @command("predict", "Predict with a fitted model at new conditions, with uncertainty.",

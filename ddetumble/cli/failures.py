@@ -29,7 +29,8 @@ def run_guarded(action: Callable[[], object], words: Sequence[str] = ()) -> int:
         words: The command line, for the report of an unforeseen error.
 
     Returns:
-        0 on success, 2 on bad input, 1 on a failed computation, 130 if interrupted, 141 if nobody reads the output.
+        0 on success, 2 on bad input, 1 on a failed computation (or a page that could not be drawn beside results that
+        are kept), 130 if interrupted, 141 if nobody reads the output.
     """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # not so under a test runner
@@ -58,7 +59,7 @@ def run_guarded(action: Callable[[], object], words: Sequence[str] = ()) -> int:
             if (sys.platform == "win32" and isinstance(error, OSError) and error.errno == errno.EINVAL
                     and error.filename is None):
                 return _leave_pipe()
-            return _explain(error, words)
+            return tell(*explain(error, words))
 
 
 def tell(sentence: str, code: int) -> int:
@@ -77,28 +78,28 @@ def tell_stopped() -> int:
     return tell("stopped.", INTERRUPTED)
 
 
-def _explain(error: Any, words: Sequence[str]) -> int:
-    """Find the sentence and the exit code for an exception."""
+def explain(error: Any, words: Sequence[str]) -> tuple[str, int]:
+    """Sentence and exit code for an exception; of an unforeseen one the traceback is kept in a file."""
     if isinstance(error, InputError):
-        return tell(str(error), BAD_INPUT)
+        return str(error), BAD_INPUT
     if isinstance(error, ComputationError):
-        return tell(_join(str(error)), FAILED)
+        return _join(str(error)), FAILED
     if hasattr(error, "format_message"):  # typer's own, about the command line
         message = _join(error.format_message()).rstrip(".")
         context = getattr(error, "ctx", None)
         command = context.command_path if context is not None else "ddetumble"
         end = "" if message.endswith("?") else ";"
-        return tell(f"{message[:1].lower()}{message[1:]}{end} `{command} --help` shows the arguments, with an example.",
-                    BAD_INPUT)
+        return (f"{message[:1].lower()}{message[1:]}{end} `{command} --help` shows the arguments, with an example.",
+                BAD_INPUT)
     if isinstance(error, MemoryError):
-        return tell("there is not enough memory for this.", FAILED)
+        return "there is not enough memory for this.", FAILED
     if isinstance(error, OSError) and error.filename is not None:
         reason = (error.strerror or "it cannot be used").lower()
         full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-        return tell(_join(f"{error.filename}: {reason}."), FAILED if full else BAD_INPUT)
+        return _join(f"{error.filename}: {reason}."), FAILED if full else BAD_INPUT
     if isinstance(error, OSError) and error.errno == errno.ENOSPC:
-        return tell("there is no space left on the disk.", FAILED)
-    return tell(_report_bug(error, words), FAILED)
+        return "there is no space left on the disk.", FAILED
+    return _report_bug(error, words), FAILED
 
 
 def _report_bug(error: Exception, words: Sequence[str]) -> str:

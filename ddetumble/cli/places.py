@@ -12,7 +12,7 @@ import platform
 import secrets
 import shutil
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from contextvars import ContextVar
 from pathlib import Path
@@ -21,7 +21,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from .. import _settings
 from .._errors import InputError
 from .._settings import find_data
-from .interrupts import undone_by
+from .failures import FAILED, explain, tell
+from .interrupts import undone_by, was_interrupted
 
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 # In every folder that commands wrote to: the files of each command, so that --overwrite removes these and no others.
 RECORD, SCHEMA = ".ddetumble.json", "ddetumble.output/1"
 MADE = "made"  # in the record: words, inputs and versions of each command, by which `ddetumble rerun` makes it again
+AGAIN = "the same command with --overwrite computes them again and draws it"
 words_now: ContextVar[tuple[str, ...]] = ContextVar("words_now", default=())  # of the command that runs
 # In the names of drafts, between that of their place and random letters: eight digits for the machine, as on a shared
 # disk a lock may hold among the processes of one machine alone.
@@ -76,6 +78,30 @@ class Output(NamedTuple):
     def place(self, written: Path) -> Path:
         """Where something written into the draft will be."""
         return self.path / written.relative_to(self.draft)
+
+    def draw(self, write: Callable[[Path], Path], again: str = AGAIN) -> Path | None:
+        """Where the page will be that `write` makes beside results in the draft; None where it fails.
+
+        The results may be worth minutes: they are kept, without what the page left, and one sentence on standard error
+        says so, and with `again` what draws them. The command's exit code is then that of a failure.
+        """
+        before = set(self.draft.rglob("*"))
+        try:
+            return self.place(write(self.draft))
+        except Exception as error:
+            if was_interrupted():
+                raise
+            rest = sorted(set(self.draft.rglob("*")) - before, reverse=True)  # what is in a folder before the folder
+            _remove(self.draft, (str(one.relative_to(self.draft)) for one in rest))
+            why = explain(error, words_now.get())[0].rstrip(".").replace(str(self.draft), str(self.path))
+            tell(f"the page could not be drawn: {why}; the results are kept in {self.path}, and {again}.", FAILED)
+            return None
+
+
+def tell_page(page: Path | None, folder: Path) -> int | None:
+    """Print where the page is, or, where it could not be drawn, the results; returns the exit code then."""
+    print(f"Written to {folder}" if page is None else f"Report: {page}")
+    return FAILED if page is None else None
 
 
 @contextmanager

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from .options import Model, Overwrite, Texts, command, option, place
-from .places import locate_fit, locate_plan, open_folder, open_optional
+from .places import locate_fit, locate_plan, open_folder, open_optional, tell_page
 from .progress import show_progress
 
 
@@ -110,10 +110,11 @@ def plan_impacts(
     with (open_folder(output or Path(f"{scenario.stem}-plan"), "plan", overwrite) as out,
           show_progress(f"planning {scenario.stem}") as report):
         from ..planning.plan import plan_scenario
-        from ..reports.plan import write_plan
+        from ..reports.plan import save_plan, write_plan
 
         found = plan_scenario(asked, file.parent, file, progress=report)
         report("writing the report")
-        page = out.path / write_plan(found, out.draft).name
+        save_plan(found, out.draft)
+        page = out.draw(lambda draft: write_plan(found, draft))
     typer.echo(str(found))
-    typer.echo(f"Report: {page}")
+    return tell_page(page, out.path)

@@ -23,7 +23,7 @@ from .options import (
     place,
     read_source,
 )
-from .places import locate_campaign, open_folder
+from .places import locate_campaign, open_folder, tell_page
 from .progress import show_progress
 
 
@@ -72,9 +72,9 @@ def sample_posterior(
         from ..reports import write_posterior
 
         found.save(out.draft)
-        page = out.place(write_posterior(found, out.draft))
+        page = out.draw(lambda draft: write_posterior(found, draft), "the same command goes on from its draws")
     typer.echo(str(found))
-    typer.echo(f"Report: {page}")
+    return tell_page(page, out.path)
 
 
 @command("average", "Compute the weights of rival models from left-out conditions.",

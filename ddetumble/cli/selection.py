@@ -11,7 +11,7 @@ import typer
 from .._errors import InputError
 from ..reference_models import list_names
 from .options import CampaignName, KeepAll, Model, Overwrite, OwnFile, Texts, command, option, place, resolve_own
-from .places import check_file, locate_campaign, open_folder, open_optional, write_table
+from .places import check_file, locate_campaign, open_folder, open_optional, tell_page, write_table
 from .progress import show_progress
 
 
@@ -48,12 +48,12 @@ def compare_models(
 
             report("drawing", 0.9)
             result.save(out.draft)
-            page = out.place(report_comparison(result, out.draft))
+            page = out.draw(lambda draft: report_comparison(result, draft))
     typer.echo(str(result))
-    if page is not None:
-        typer.echo(f"Report: {page}")
+    code = None if out is None else tell_page(page, out.path)
     for line in _list_further(result, campaign, models[0], measured):
         typer.echo(line)
+    return code
 
 
 def _list_further(result: "Comparison | Comparisons", campaign: str, model: str, measured: "Campaign") -> list[str]:
@@ -129,9 +129,11 @@ def discover_effects(
                           settings=DEFAULT if effort is None else dc.replace(DEFAULT, effort=effort))
         report("writing the report", 0.95)
         result.save(out.draft)
-        page = out.place(write_report(result, out.draft))
+        shown = shlex.join(["compare", campaign, "-m", str(target), "-o", f"{target}-page"])
+        page = out.draw(lambda draft: write_report(result, draft),
+                        f"`ddetumble {shown}` draws the model that was found beside the records")
     typer.echo(str(result))
-    typer.echo(f"Report: {page}")
+    code = tell_page(page, out.path)
     near = find_nearer(result)
     if near is not None:
         typer.echo(f"To begin with the nearer reference model: ddetumble discover {shlex.quote(campaign)} "
@@ -142,6 +144,7 @@ def discover_effects(
     elif result.verdict in ("explained", "nothing-missing"):
         typer.echo(f"Other conditions: ddetumble predict {where} CONDITIONS.csv -o predictions.csv")
         typer.echo(f"The next test, which narrows its parameters most: ddetumble design {where}")
+    return code
 
 
 @command("missing", "Draw the force that a model lacks, and the simple laws that would draw it.",
@@ -175,11 +178,11 @@ def draw_force(
         report("writing the report", 0.97)
         write_json(out.draft / "missing.json", {"campaign": measured.name, "model": model, "sha256": measured.sha256,
                                              **found.to_dict(), "versions": list_versions()})
-        page = out.place(write_missing(
-            found, out.draft, title=f"{measured.name}: the missing force",
+        page = out.draw(lambda draft: write_missing(
+            found, draft, title=f"{measured.name}: the missing force",
             status=(measured.name, f"{len(measured.records)} records", f"reference model {model}")))
     typer.echo(str(found))
-    typer.echo(f"Report: {page}")
+    return tell_page(page, out.path)
 
 
 @command("identify", "Force from measured depression and pressure, with uncertainty.",

@@ -182,23 +182,42 @@ def _make_view(problem: StrikeProblem, sequence: Sequence) -> markupsafe.Markup:
         "<script>" + read_text("turning.js") + "</script>")
 
 
-def write_plan(plan: Plan, folder) -> Path:
-    """Write `plan.json` and `report.html` into a folder, made where it is not there; returns the page's path.
+def save_plan(plan: Plan, folder) -> Path:
+    """Write `plan.json` into a folder, made where it is not there; returns the file's path.
 
     Raises:
         InputError: The folder cannot be written.
     """
-    problem, sequence, settings = plan.problem, plan.sequence, plan.settings
-    assessment, prospect, best = plan.assessment, plan.prospect, sequence.refused
-    beyond = list_extrapolations(plan.ranges, sequence.impacts, problem.conditions)
-    outside = [[one for one in beyond if one.impact == k] for k in range(1, len(sequence.impacts) + 1)]
+    path = Path(folder) / "plan.json"
+    write_json(path, _list_plan(plan))
+    return path
+
+
+def _find_outside(plan: Plan) -> list[list[Extrapolation]]:
+    """Values of every impact that are beyond what was measured."""
+    beyond = list_extrapolations(plan.ranges, plan.sequence.impacts, plan.problem.conditions)
+    return [[one for one in beyond if one.impact == k] for k in range(1, len(plan.sequence.impacts) + 1)]
+
+
+def _list_impacts(plan: Plan) -> list[dict[str, Any]]:
+    """Every impact as `plan.json` has it, SI."""
+    sequence, settings = plan.sequence, plan.settings
     impacts = [_list_impact(k, *one) for k, one in enumerate(zip(
-        sequence.instants, sequence.shares, sequence.impacts, outside, plan.reached, plan.optimality, strict=True), 1)]
+        sequence.instants, sequence.shares, sequence.impacts, _find_outside(plan), plan.reached, plan.optimality,
+        strict=True), 1)]
     for one, left in zip(impacts, plan.goals_left, strict=True):
         one["goal_left"] = left
     for one in impacts if settings.chaser_mass else ():
         one["chaser_velocity"] = [-part / settings.chaser_mass for part in one["impulse"]]
-    result = {
+    return impacts
+
+
+def _list_plan(plan: Plan) -> dict[str, Any]:
+    """The content of `plan.json`."""
+    impacts = _list_impacts(plan)
+    problem, sequence, settings = plan.problem, plan.sequence, plan.settings
+    assessment, prospect, best = plan.assessment, plan.prospect, sequence.refused
+    return {
         "schema": SCHEMA, "scenario": plan.source, "title": plan.title, "sentence": plan.sentence,
         "possible": True if impacts else None if best is not None and best.missed else False,
         "reached": sequence.reached if plan.asked else None, "wanted_share": settings.share if plan.asked else None,
@@ -226,6 +245,18 @@ def write_plan(plan: Plan, folder) -> Path:
             **vars(assessment), "plan_for": settings.plan_for, "sequence": prospect},
         "version": metadata.version("ddetumble"),
     }  # fmt: skip
+
+
+def write_plan(plan: Plan, folder) -> Path:
+    """Write `plan.json` and `report.html` into a folder, made where it is not there; returns the page's path.
+
+    Raises:
+        InputError: The folder cannot be written.
+    """
+    save_plan(plan, folder)
+    problem, sequence, settings = plan.problem, plan.sequence, plan.settings
+    assessment, prospect = plan.assessment, plan.prospect
+    impacts, outside = _list_impacts(plan), _find_outside(plan)
     followed = follow_plan(problem, sequence)
     rest = " A body that is all but at rest has no nutation angle." if np.isnan(followed[2]).any() else ""
     figures = [draw_picture("motion", "Angular momentum (inertial components) and nutation angle; dotted: the impacts."
@@ -277,9 +308,7 @@ def write_plan(plan: Plan, folder) -> Path:
         sentence += " " + (assessment.sentences[0] if prospect is None else prospect.sentence)
     if impacts:
         sections.append(_show_proofs(plan, impacts))
-    page = write_page(plan.title or "Planned impacts", sentence, sections, folder, facts=_list_facts(plan))
-    write_json(Path(folder) / "plan.json", result)
-    return page
+    return write_page(plan.title or "Planned impacts", sentence, sections, folder, facts=_list_facts(plan))
 
 
 def _head_goal(problem: StrikeProblem) -> list[str]:
