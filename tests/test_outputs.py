@@ -12,6 +12,7 @@ import typer
 
 from ddetumble.cli import app, main
 from ddetumble.cli.places import open_folder
+from ddetumble.reports import write_report
 from tests.helpers_report import make_discovery
 
 
@@ -211,6 +212,20 @@ def test_results_outlive_a_page_that_fails(words, kept, tmp_path, capsys, monkey
     assert str(tmp_path / "out") in printed.out and len(printed.out.splitlines()) > 1
     assert kept <= set(list_all(tmp_path / "out")) and not list(tmp_path.rglob("figures"))
     assert not list(tmp_path.rglob("*.html")) and os.listdir(tmp_path) == ["out"]
+
+
+def test_pages_tell_what_they_draw(tmp_path):
+    """Every figure is named as it is drawn, to whoever follows the command, and to nobody afterwards."""
+    told: list[str] = []
+    with open_folder(tmp_path / "out", "discover", False) as out:
+        page = out.draw(lambda draft: write_report(make_discovery("explained"), draft),
+                        lambda text, share: told.append(text))
+    names = [file.stem for file in (tmp_path / "out" / "figures").iterdir()]
+    assert page == tmp_path / "out" / "report.html" and names
+    assert [name for name in names if not any(name in text.split() for text in told)] == []
+    told.clear()
+    write_report(make_discovery("explained"), tmp_path / "again")
+    assert told == []
 
 
 def test_a_fit_goes_beside_its_specification(tmp_path, capsys):

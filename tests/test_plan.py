@@ -93,7 +93,9 @@ def test_a_flat_spin_ends_in_one_impact(flat):
 def test_axial_momentum_stays_without_friction():
     """The optimum of a frictionless plan is the axial share: closed form, found with its certificate."""
     problem = pose([0.03, 0.0, 0.08])
-    plan = plan_strike(problem, starts=3)
+    told: list[str] = []
+    plan = plan_strike(problem, starts=3, progress=lambda text, share: told.append(text))
+    assert len(set(told)) >= len(plan.scores)  # each descent is told as it begins
     floor = 0.08 * 500 / np.hypot(30.0, 40.0)
     assert find_floor(problem) == pytest.approx(floor)
     assert plan.allowed and plan.score == pytest.approx(floor, rel=1e-3)

@@ -238,9 +238,12 @@ def test_without_uncertainty_the_plan_stays(planned):
     """Draws that are all the best estimate: the plain plan's score, for the mean and for the tail."""
     problem, plan = planned
     laws = vary_law(LAW, {"restitution": (None, 0.0)}, draws=3)
+    told: list[str] = []
     for aim in ("mean", "tail"):
-        robust = plan_robust_strike(problem, plan, laws, aim=aim)
+        told.clear()
+        robust = plan_robust_strike(problem, plan, laws, aim=aim, progress=lambda text, share: told.append(text))
         assert robust.allowed and robust.score == pytest.approx(plan.score, rel=1e-4)
+        assert len(told) * len(laws.shares()) >= robust.tally.values + robust.tally.slopes  # at every design
 
 
 def test_slopes_of_the_tail_are_those_of_differences(planned):

@@ -81,7 +81,7 @@ def fit_parameters(
             from ..reports.fit import report_fit
 
             report("drawing the page", 0.99)
-            page = out.draw(lambda draft: report_fit(result, draft))
+            page = out.draw(lambda draft: report_fit(result, draft), report)
     typer.echo(str(result))
     code = tell_page(page, read.folder)
     return None if output is None else code
@@ -130,7 +130,7 @@ def _fit_several(sources: list[str], output: Path | None, effects_from: Path | N
             report("drawing the page", 0.99)
             return report_joint(result, draft)
 
-        page = out.draw(draw)
+        page = out.draw(draw, report)
     typer.echo(str(result))
     code = tell_page(None if output is None else page, out.path)
     return None if page is not None else code

@@ -23,6 +23,7 @@ from .._errors import InputError
 from .._settings import find_data
 from .failures import FAILED, explain, tell
 from .interrupts import undone_by, was_interrupted
+from .progress import Report
 
 
 if TYPE_CHECKING:
@@ -79,13 +80,16 @@ class Output(NamedTuple):
         """Where something written into the draft will be."""
         return self.path / written.relative_to(self.draft)
 
-    def draw(self, write: Callable[[Path], Path], again: str = AGAIN) -> Path | None:
-        """Where the page will be that `write` makes beside results in the draft; None where it fails.
+    def draw(self, write: Callable[[Path], Path], report: Report, again: str = AGAIN) -> Path | None:
+        """Where the page will be that `write` makes beside results in the draft; None where it fails. What it draws is
+        reported.
 
         The results may be worth minutes: they are kept, without what the page left, and one sentence on standard error
         says so, and with `again` what draws them. The command's exit code is then that of a failure.
         """
-        before = set(self.draft.rglob("*"))
+        from ..reports.page import follower
+
+        before, token = set(self.draft.rglob("*")), follower.set(report)
         try:
             return self.place(write(self.draft))
         except Exception as error:
@@ -96,6 +100,8 @@ class Output(NamedTuple):
             why = explain(error, words_now.get())[0].rstrip(".").replace(str(self.draft), str(self.path))
             tell(f"the page could not be drawn: {why}; the results are kept in {self.path}, and {again}.", FAILED)
             return None
+        finally:
+            follower.reset(token)
 
 
 def tell_page(page: Path | None, folder: Path) -> int | None:

@@ -115,6 +115,6 @@ def plan_impacts(
         found = plan_scenario(asked, file.parent, file, progress=report)
         report("writing the report")
         save_plan(found, out.draft)
-        page = out.draw(lambda draft: write_plan(found, draft))
+        page = out.draw(lambda draft: write_plan(found, draft), report)
     typer.echo(str(found))
     return tell_page(page, out.path)

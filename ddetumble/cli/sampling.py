@@ -72,7 +72,8 @@ def sample_posterior(
         from ..reports import write_posterior
 
         found.save(out.draft)
-        page = out.draw(lambda draft: write_posterior(found, draft), "the same command goes on from its draws")
+        page = out.draw(lambda draft: write_posterior(found, draft), report,
+                        "the same command goes on from its draws")
     typer.echo(str(found))
     return tell_page(page, out.path)
 

@@ -48,7 +48,7 @@ def compare_models(
 
             report("drawing", 0.9)
             result.save(out.draft)
-            page = out.draw(lambda draft: report_comparison(result, draft))
+            page = out.draw(lambda draft: report_comparison(result, draft), report)
     typer.echo(str(result))
     code = None if out is None else tell_page(page, out.path)
     for line in _list_further(result, campaign, models[0], measured):
@@ -127,10 +127,10 @@ def discover_effects(
         _prove_contracts(own, model, measured.family)
         result = discover(measured, model=model, effects=own, keep_all=keep_all, progress=report,
                           settings=DEFAULT if effort is None else dc.replace(DEFAULT, effort=effort))
-        report("writing the report", 0.95)
+        report("writing the results", 0.98)
         result.save(out.draft)
         shown = shlex.join(["compare", campaign, "-m", str(target), "-o", f"{target}-page"])
-        page = out.draw(lambda draft: write_report(result, draft),
+        page = out.draw(lambda draft: write_report(result, draft), report,
                         f"`ddetumble {shown}` draws the model that was found beside the records")
     typer.echo(str(result))
     code = tell_page(page, out.path)
@@ -180,7 +180,7 @@ def draw_force(
                                              **found.to_dict(), "versions": list_versions()})
         page = out.draw(lambda draft: write_missing(
             found, draft, title=f"{measured.name}: the missing force",
-            status=(measured.name, f"{len(measured.records)} records", f"reference model {model}")))
+            status=(measured.name, f"{len(measured.records)} records", f"reference model {model}")), report)
     typer.echo(str(found))
     return tell_page(page, out.path)
 

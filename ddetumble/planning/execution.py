@@ -1,6 +1,7 @@
 """What errors of the arm, and of the estimate of the motion, make of a planned impact."""
 
 import dataclasses as dc
+import math
 from collections.abc import Mapping, Sequence
 
 import equinox as eqx
@@ -8,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from .._display import Progress, stay_silent
 from .._rotation import rotate
 from ..dynamics.collision import Collision
 from .draws import draw_normals, split_batch
@@ -50,7 +52,8 @@ def draw_errors(sizes: Mapping[str, float], count: int, seed: int) -> list[dict[
     return [{name: jnp.asarray(sizes.get(name, 0.0) * row[k]) for k, name in enumerate(names)} for row in drawn]
 
 
-def try_errors(problem: StrikeProblem, plan: StrikePlan, errors: ErrorTable, seed: int = 0) -> tuple[Spread, ...]:
+def try_errors(problem: StrikeProblem, plan: StrikePlan, errors: ErrorTable, seed: int = 0,
+               progress: Progress = stay_silent) -> tuple[Spread, ...]:
     """Momentum left by a planned impact under errors drawn of each kind alone, in the order of `NAMES` and left out
     where its size is zero, and last of all together.
     """
@@ -63,16 +66,19 @@ def try_errors(problem: StrikeProblem, plan: StrikePlan, errors: ErrorTable, see
             drawn[name][k] = sizes[name] * random.normal(size=(errors.draws, 3))
     met = _err_all(problem, plan.design, {name: jnp.asarray(own.reshape(-1, 3)) for name, own in drawn.items()})
     # One by one, as the program of one impact is there already and that of many would have to be compiled.
-    rows = [(*told, np.linalg.norm(_read_drift(after)), 1.0 if after is None else measure_goal(
-        true, after.angular_velocity)) for true, (*told, after) in (
-            (one[0], _strike_once(*one)) for one in split_batch(met))]
+    rows, posed = [], split_batch(met)
+    for k, one in enumerate(posed):
+        progress(f"trying errors of the arm and of the motion: {k} of {len(posed)} draws", math.nan)
+        *told, after = _strike_once(*one)
+        rows.append((*told, np.linalg.norm(_read_drift(after)), 1.0 if after is None else measure_goal(
+            one[0], after.angular_velocity)))
     columns = np.moveaxis(np.reshape(rows, (len(groups), -1, 5)), 2, 1)
     return tuple(_summarise(name, sizes.get(name, np.nan), *own)
                  for name, own in zip((*sizes, "all"), columns, strict=True))
 
 
-def follow_errors(problem: StrikeProblem, impacts: Sequence[StrikePlan], errors: ErrorTable, seed: int = 0
-                  ) -> tuple[Spread, ...]:
+def follow_errors(problem: StrikeProblem, impacts: Sequence[StrikePlan], errors: ErrorTable, seed: int = 0,
+                  progress: Progress = stay_silent) -> tuple[Spread, ...]:
     """Momentum left after each impact of a sequence under draws of all errors together, and what happens at each.
 
     The first impact is struck by the estimate of the motion. Before each further one the arm has looked again: it
@@ -84,6 +90,7 @@ def follow_errors(problem: StrikeProblem, impacts: Sequence[StrikePlan], errors:
     drawn = [draw_errors(sizes if k == 0 else arm, count, seed + k) for k in range(len(impacts))]
     rows = np.zeros((len(impacts), 5, count))
     for i in range(count):
+        progress(f"trying errors at all impacts: {i} of {count} draws", math.nan)
         now, share, drift, begun = problem, 1.0, np.zeros(3), problem
         for k, plan in enumerate(impacts):
             true, met, margin = _meet(now, plan.design.face, jnp.asarray(plan.x), drawn[k][i])

@@ -372,15 +372,16 @@ def _plan(problem: StrikeProblem, settings: PlanSettings, laws: Laws | None, con
             prospect = assess_sequence(problem, found, laws, how.share, tail=how.tail)
     prices, rules, spreads, after = (), (), (), ()
     if found.impacts:
-        tell("trying errors of the arm and of the motion", math.nan)
         first = found.impacts[0]
+        tell("pricing the limits, and trying simple rules", math.nan)
         if found.joint is None or not found.joint.taken:
             prices = price_sequence(problem, found.impacts)
             if wide is not None:
                 prices = tuple(name_narrowed(one, wide.limits, problem.limits) for one in prices)
-        rules, spreads = compare_rules(problem, first), try_errors(problem, first, how.errors, how.seed)
+        rules = compare_rules(problem, first)
+        spreads = try_errors(problem, first, how.errors, how.seed, tell)
         if len(found.impacts) > 1:
-            after = follow_errors(problem, found.impacts, how.errors, how.seed)
+            after = follow_errors(problem, found.impacts, how.errors, how.seed, tell)
     return Plan(problem, how, found, laws, assessment, prospect, ranges, misfits, beyond, prices, rules, spreads, after,
                 fits={name: saved.campaign for name, saved in contacts.items()})
 

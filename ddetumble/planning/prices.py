@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable
 import equinox as eqx
 import numpy as np
 
+from .._display import Progress, stay_silent
 from .._numerics import scalar
 from .constraints import CONSTRAINTS
 from .multistart import Place, evolve_designs, find_bounds
@@ -222,7 +223,8 @@ LIMITS = (
 )
 
 
-def find_relaxations(problem: StrikeProblem, refused: StrikePlan, *, seed: int = 0) -> tuple[Relaxation, ...]:
+def find_relaxations(problem: StrikeProblem, refused: StrikePlan, *, seed: int = 0,
+                     progress: Progress = stay_silent) -> tuple[Relaxation, ...]:
     """Limits each of which would have to be looser, alone, for an impact that is worth its while, in the order of
     `LIMITS`: those that hold the refused impact, or that it misses or just keeps. None where no single one of these is
     enough.
@@ -234,6 +236,7 @@ def find_relaxations(problem: StrikeProblem, refused: StrikePlan, *, seed: int =
         own = [name for name in limit.constraints if name in obstacles]
         given, loosest = float(getattr(problem.limits, limit.field)), limit.loosen(problem)
         if own and limit.sign * loosest > limit.sign * given:
+            progress(f"looking for the limit that stands in the way: {limit.key}", math.nan)
             needed = _find_tightest(problem, limit, loosest, seed)
             if needed is not None and limit.sign * needed > limit.sign * given:
                 found.append(Relaxation(own[0], limit.key, limit.unit, given / limit.scale, needed / limit.scale))

@@ -9,6 +9,7 @@ $\mathrm{CVaR}_\alpha = \max_q \sum q_i s_i$ over $0 \le q_i \le w_i/\alpha$, $\
 The draws stay the same throughout, so that plans differ by what they do and not by chance.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Literal
 
@@ -18,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from .._display import Progress, stay_silent
 from .draws import Laws
 from .errors import err
 from .multistart import PENALTY, Place, find_bounds, find_starts
@@ -125,7 +127,8 @@ class RobustProblem:
 
 
 def plan_robust_strike(problem: StrikeProblem, plan: StrikePlan, laws: Laws | None, *, errors: Errors = (),
-                       aim: Aim = "tail", tail: float = 0.1, seed: int = 0) -> StrikePlan:
+                       aim: Aim = "tail", tail: float = 0.1, seed: int = 0, progress: Progress | None = None
+                       ) -> StrikePlan:
     """Change a plan for the best estimate, or one of the designs that are allowed beside it, into one for all draws of
     the contact law, of errors of arm and body, or of both.
 
@@ -137,18 +140,27 @@ def plan_robust_strike(problem: StrikeProblem, plan: StrikePlan, laws: Laws | No
         aim: whether the mean over the draws or that of their worst share is made small.
         seed: of the places where the search starts beside the plan.
         tail: that share; every constraint has to hold in the mean of its own worst share of the draws.
+        progress: called with a sentence at every design that is tried on all draws, and nan.
 
     Returns:
         A plan whose `score` is what was made small, whose `values` are the tail means of the constraints and whose
         certificate is that of this problem; `design` and `collision` are those under the best estimate.
     """
-    tally, posed = Tally(), {}
+    tally, posed, tell, stage = Tally(), {}, progress or stay_silent, "designs beside the plan"
+
+    def follow(compute: Values) -> Values:
+        """The same, telling that it is called."""
+        def run(x: np.ndarray) -> np.ndarray:
+            tell(f"{stage}, on all draws ({tally.values + tally.slopes} contacts integrated)", math.nan)
+            return compute(x)
+
+        return remember(run)
 
     def pose(face: int) -> tuple[RobustProblem, Values, Values]:
         """The problem on one face, its values and its slopes."""
         if face not in posed:
             robust = RobustProblem(problem, face, laws, errors, aim, tail, tally)
-            posed[face] = robust, remember(robust.values), remember(robust.slopes)
+            posed[face] = robust, follow(robust.values), follow(robust.slopes)
         return posed[face]
 
     def order(place: Place) -> tuple[bool, float]:
@@ -163,11 +175,15 @@ def plan_robust_strike(problem: StrikeProblem, plan: StrikePlan, laws: Laws | No
     begun = [plan.place]
     if errors:  # from an edge, whatever the ball misses tells a descent nothing
         face, first = plan.place
+        tell("stepping back from edges", math.nan)
         begun.append((face, refine(_step_back(problem, plan, errors), face, first, tally)[0]))
     # Where little is left without errors, many designs are alike, and the draws tell which of them is the best.
     others = [*plan.others, *find_starts(problem, LOOKED_AT, seed=seed)[0]]
     begun += sorted(others, key=penalise)[:BEGUN]
-    ends = [(face, descend(*pose(face)[1:], x, find_bounds(problem, face), STEPS)) for face, x in begun]
+    ends = []
+    for k, (face, x) in enumerate(begun, 1):
+        stage = f"descent {k} of {len(begun)}"
+        ends.append((face, descend(*pose(face)[1:], x, find_bounds(problem, face), STEPS)))
     face, x = min([*ends, *begun], key=order)
     robust, values, slopes = pose(face)
     value = values(x)

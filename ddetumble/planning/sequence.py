@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array
 from scipy.stats import qmc
 
-from .._display import Progress
+from .._display import Progress, nest_progress, stay_silent
 from .._errors import ComputationError
 from ..contact.effect import AbstractDriveEffect
 from ..contact.gripping import Patch, StrikeLaw, find_height
@@ -57,7 +57,7 @@ TOGETHER = 12
 FURTHER, FURTHER_ALONE = 3, 2
 
 Aim = Literal["impacts", "impulse", "time"]
-Revise = Callable[[StrikeProblem, StrikePlan], StrikePlan]  # from the problem of one impact and its plan
+Revise = Callable[..., StrikePlan]  # from the problem of one impact, its plan, and the `progress` that is told
 
 
 @dc.dataclass(frozen=True)
@@ -219,15 +219,17 @@ def plan_sequence(problem: StrikeProblem, share: float, most: int, *, starts: in
     Raises:
         ComputationError: where not even a first impact could be planned.
     """
-    tell, now, left = progress or (lambda text, done: None), problem, 1.0
+    tell, now, left = progress or stay_silent, problem, 1.0
     impacts: list[StrikePlan] = []
     refused = None
     while left > share and len(impacts) < most:
-        tell(f"planning impact {len(impacts) + 1}: {100 * left:.2f} % of the angular momentum left", math.nan)
+        title = f"planning impact {len(impacts) + 1}: {100 * left:.2f} % of the angular momentum left"
+        tell(title, math.nan)
+        inner = nest_progress(tell, title, math.nan, math.nan)
         near = [one.place for one in impacts[-1:]]
-        plan = None if part == 1.0 else _hurry(now, part, starts, seed + len(impacts), near)
+        plan = None if part == 1.0 else _hurry(now, part, starts, seed + len(impacts), near, inner)
         try:
-            plan = plan or plan_strike(now, starts=starts, seed=seed + len(impacts), near=near)
+            plan = plan or plan_strike(now, starts=starts, seed=seed + len(impacts), near=near, progress=inner)
         except ComputationError:
             if not impacts:
                 raise
@@ -235,9 +237,9 @@ def plan_sequence(problem: StrikeProblem, share: float, most: int, *, starts: in
         if plan.nearly or plan.missed:
             tell("searching from other starts", math.nan)
             plan = next((again for turn in range(1, 1 + FURTHER) if (again := _hurry(
-                now, min(find_turn(now), 1.0), starts, seed + len(impacts) + TURN * turn, near))), plan)
+                now, min(find_turn(now), 1.0), starts, seed + len(impacts) + TURN * turn, near, inner))), plan)
         if revise is not None and plan.allowed:
-            plan = revise(now, plan)
+            plan = revise(now, plan, progress=inner)
         if not plan.worth:
             refused = plan
             break
@@ -247,7 +249,7 @@ def plan_sequence(problem: StrikeProblem, share: float, most: int, *, starts: in
     relaxations = ()
     if refused is not None and not impacts and not refused.missed:
         tell("looking for the limit that stands in the way", math.nan)
-        relaxations = find_relaxations(problem, refused, seed=seed)
+        relaxations = find_relaxations(problem, refused, seed=seed, progress=tell)
     return dc.replace(add_up(problem, impacts, share), bound=bound_impacts(problem, share), floor=find_floor(problem),
                       refused=refused, relaxations=relaxations)
 
@@ -259,14 +261,14 @@ def find_turn(problem: StrikeProblem) -> float:
     return 2.0 * math.pi / turned if turned > 0.0 else math.inf
 
 
-def _hurry(problem: StrikeProblem, part: float, starts: int, seed: int, near: list[tuple[int, np.ndarray]]
-           ) -> StrikePlan | None:
+def _hurry(problem: StrikeProblem, part: float, starts: int, seed: int, near: list[tuple[int, np.ndarray]],
+           progress: Progress) -> StrikePlan | None:
     """The best impact within the first part of the window, in the variables of the whole one; None where there is none
     that is worth its while. The other arguments are those of `plan_strike`."""
     low, high = np.asarray(problem.limits.window)
     hasty = eqx.tree_at(lambda p: p.limits.window, problem, jnp.asarray([low, low + part * (high - low)]))
     try:
-        plan = plan_strike(hasty, starts=starts, seed=seed, near=near)
+        plan = plan_strike(hasty, starts=starts, seed=seed, near=near, progress=progress)
     except ComputationError:
         return None
     return dc.replace(plan, x=np.append(plan.x[:-1], part * (plan.x[-1] + 1.0) - 1.0)) if plan.worth else None
@@ -345,8 +347,8 @@ def follow_slopes(problem: StrikeProblem, faces: np.ndarray, x: np.ndarray) -> t
     return total(np.stack(rows)), total(np.stack(slopes))
 
 
-def refine_sequence(problem: StrikeProblem, sequence: Sequence, share: float, aim: str = "impulse", steps: int = STEPS
-                    ) -> Sequence:
+def refine_sequence(problem: StrikeProblem, sequence: Sequence, share: float, aim: str = "impulse", steps: int = STEPS,
+                    progress: Progress | None = None) -> Sequence:
     """Change all impacts of a sequence, planned one after the other, together for the least `impulse`, `time` or
     `share` of the momentum left, no more than a share of |L| being left.
 
@@ -363,8 +365,10 @@ def refine_sequence(problem: StrikeProblem, sequence: Sequence, share: float, ai
     # Where the momentum left is what is wanted small, it is no constraint as well.
     shared = [] if aim == "share" else ["share left"]
     passed: list[tuple[np.ndarray, np.ndarray]] = []
+    tell = progress or stay_silent
 
     def compute(z):
+        tell(f"{len(passed)} sequences tried", math.nan)
         value, slopes = follow_slopes(problem, faces, z.reshape(first.shape))
         if not np.isfinite(value).all():  # far worse than where it began, and not allowed
             worst = 10.0 * passed[0][1][:3] if passed else np.full(3, 1e6)
@@ -422,7 +426,7 @@ def plan_together(problem: StrikeProblem, share: float, most: int, *, aim: Aim =
     whether or not that reaches it, and the search is repeated with short waits and from other starts, for the least of
     the goal. Where nothing better is found, the sequence is that of `plan_sequence`.
     """
-    tell, momentum = progress or (lambda text, done: None), problem.goal.is_momentum()
+    tell, momentum = progress or stay_silent, problem.goal.is_momentum()
 
     def remain(sequence: Sequence) -> float:
         """Share left of what is wanted small."""
@@ -430,8 +434,10 @@ def plan_together(problem: StrikeProblem, share: float, most: int, *, aim: Aim =
 
     def change(sequence: Sequence, wanted: str, told: str, alone: Sequence) -> Sequence:
         """All impacts together; `joint` says what was aimed at, beside what those planned one after the other do."""
-        tell(f"planning {len(sequence.impacts)} impacts together", math.nan)
-        again = refine_sequence(problem, sequence, share, wanted)
+        title = f"planning {len(sequence.impacts)} impacts together"
+        tell(title, math.nan)
+        again = refine_sequence(problem, sequence, share, wanted,
+                                progress=nest_progress(tell, title, math.nan, math.nan))
         assert again.joint is not None
         return dc.replace(again, joint=dc.replace(again.joint, aim=told, alone=alone.outcome))
 

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array
 from scipy.optimize import minimize, nnls
 
+from .._display import Progress, stay_silent
 from .._errors import ComputationError
 from ..dynamics.collision import Collision
 from .constraints import CONSTRAINTS, evaluate, evaluate_slopes, judge
@@ -201,8 +202,8 @@ def refine(problem: StrikeProblem, face: int, x: np.ndarray, tally: Tally, round
     return best, passed[-1][1] if passed else values(best)
 
 
-def plan_strike(problem: StrikeProblem, *, starts: int = STARTS, seed: int = 0, near: Sequence[Place] = ()
-                ) -> StrikePlan:
+def plan_strike(problem: StrikeProblem, *, starts: int = STARTS, seed: int = 0, near: Sequence[Place] = (),
+                progress: Progress | None = None) -> StrikePlan:
     """Plan one impact.
 
     Where nothing worth its while is found, or closed forms see a much better design than the one that is, it is
@@ -213,16 +214,19 @@ def plan_strike(problem: StrikeProblem, *, starts: int = STARTS, seed: int = 0, 
         starts: how many of the designs that closed forms find promising are refined on the integrated impact.
         seed: of their places.
         near: faces and variables that they look at as well, such as those of the impact before.
+        progress: called with a sentence at every descent, and nan.
 
     Raises:
         ComputationError: where no start leads to an impact that can be integrated.
     """
     names, tally = problem.debris.surface.face_names(), Tally()
     untouched = float(score(problem, problem.angular_velocity))
-    ends, estimate = [], untouched
+    ends, estimate, tell = [], untouched, progress or stay_silent
 
-    def finish(face: int, x: np.ndarray, rounds: int) -> tuple[bool, float, int, np.ndarray, np.ndarray] | None:
+    def finish(face: int, x: np.ndarray, rounds: int, told: str) -> (
+            tuple[bool, float, int, np.ndarray, np.ndarray] | None):
         """Where a descent ends: whether that is allowed, score, design and all values; None where nothing strikes."""
+        tell(f"{told} ({tally.values + tally.slopes} contacts integrated)", math.nan)
         x, values = refine(problem, face, x, tally, rounds)
         worth = float(values[0])
         return (bool(values[1:].min() >= -ALLOWED), worth, face, x, values) if worth < LOST else None
@@ -232,11 +236,15 @@ def plan_strike(problem: StrikeProblem, *, starts: int = STARTS, seed: int = 0, 
 
     for turn in range(1 + WIDER):
         count = starts if turn == 0 else MORE * starts
+        more = f"search {turn + 1}, " * (turn > 0)
+        tell(f"{more}choosing starts by closed forms", math.nan)
         places, least = find_starts(problem, count, seed=seed + TURN * turn, near=near)
         estimate = min(estimate, least)
-        ends += [end for face, x in places if (end := finish(face, x, 1))]
+        ends += [end for k, (face, x) in enumerate(places, 1)
+                 if (end := finish(face, x, 1, f"{more}descent {k} of {len(places)}"))]
         ends.sort(key=order)
-        ends[:BEST] = [finish(face, x, ROUNDS) or end for end in ends[:BEST] for face, x in [end[2:4]]]
+        ends[:BEST] = [finish(*end[2:4], ROUNDS, f"{more}descent again from the best, {k} of {len(ends[:BEST])}") or end
+                       for k, end in enumerate(ends[:BEST], 1)]
         ends.sort(key=order)
         if not ends or not ends[0][0] or untouched - ends[0][1] < LEAST_GAIN * untouched:
             continue

@@ -22,7 +22,7 @@ from ..selection.preview import Preview, preview_effects
 from ..selection.result import MissingForce, Place, SettingShift, Step, Trace
 from ..selection.series import have_predictions, list_channels, relies_on_settings
 from ..selection.text import choose_view, format_explained, list_alternatives, say_places, say_verdict, show_estimate
-from .page import Picture, Section, Table, draw_picture, flatten, pause_collection, write_page
+from .page import Picture, Section, Table, draw_picture, flatten, follower, pause_collection, write_page
 from .sliders import show_sliders
 
 
@@ -120,6 +120,8 @@ def _arrange_sections(discovery: Discovery, preview: Future[Preview | None] | No
             ("verdict", discovery.verdict),
             *flatten({**discovery.counts, "thresholds": dc.asdict(discovery.settings)})]
     sections.append(Section("Provenance", tables=[Table(("item", "value"), rows)]))
+    if preview is not None:
+        follower.get()("drawing the page: sliders", math.nan)
     moved = None if preview is None else preview.result()
     if moved is not None:
         sections.insert(place, show_sliders(moved))

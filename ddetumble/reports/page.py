@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from contextvars import ContextVar
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from typing import Any
 import jinja2
 import markupsafe
 
+from .._display import Progress, stay_silent
 from ..figures.style import reduce_colours, render_image, write_png
 from ..inference.files import write_whole
 from ..measurement.quantities import clean, typeset
@@ -25,6 +27,10 @@ WIDE = 104  # pixels an inch of a figure, which makes its type 13 pixels high
 HEADLINE, LONGEST, SHORTEST = 110, 230, 24  # characters: one short sentence, what still reads as one, a clause
 BRIEF, PHRASE = 12, 28  # characters that a column's cells keep on one line, and from which on they are sentences
 _NUMBER = re.compile(r"^[-+−<>]?\s*[\d.,]+(e[-+−]?\d+)?( ?[±–-] ?[\d.]+(e[-+−]?\d+)?)?( ?%)?( \(step \d+\))?$|^–?$")
+
+
+# What pages call as they are drawn. Figures are drawn in many functions, few of which anybody follows.
+follower: ContextVar[Progress] = ContextVar("follower", default=stay_silent)
 
 
 @dc.dataclass(frozen=True)
@@ -40,6 +46,7 @@ class Picture:
 
 def draw_picture(name: str, caption: str, draw: Callable[..., Any], *arguments, alt: str = "") -> Picture:
     """A picture by a function of `ddetumble.figures`, drawn for a wide page and, `narrow`, for a telephone."""
+    follower.get()(f"drawing the page: figure {name}", math.nan)
     return Picture(name, caption, draw(*arguments), alt, draw(*arguments, narrow=True))
 
 
@@ -117,11 +124,16 @@ def write_page(
     for picture in pictures:
         if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", picture.name):
             raise ValueError(f"{picture.name!r} is no name for a file: use letters, digits, dots, hyphens")
+    tell = follower.get()
+
+    def render(picture: Picture, narrow: bool) -> Any:
+        tell(f"drawing the page: image {picture.name}{' for telephones' * narrow}", math.nan)
+        return render_image(picture.narrow, 190) if narrow else render_image(picture.figure)
+
     # One image is packed while the next is drawn: Pillow lets other threads run.
     with ThreadPoolExecutor(1) as pool:
-        files = [pool.submit(_pack, render_image(one.figure)) for one in pictures]
-        small = [None if one.narrow is None else pool.submit(_encode, render_image(one.narrow, 190))
-                 for one in pictures]
+        files = [pool.submit(_pack, render(one, False)) for one in pictures]
+        small = [None if one.narrow is None else pool.submit(_encode, render(one, True)) for one in pictures]
     packed, narrow = [one.result() for one in files], [one.result() if one else "" for one in small]
     shown = [one for _, one in packed]
     # The largest are drawn again with fewer pixels while the page would be too large.

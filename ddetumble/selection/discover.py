@@ -134,7 +134,11 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
         reached = {n: (one, FittedStep(alone, *one.test_lack_of_fit(alone))) for n, one, alone in fits}
     report("writing it down", 0.97)
     selection, steps, verdict = path.selection, end.steps, end.verdict
-    described = [describe_step(selection, s, steps[k - 1] if k else None) for k, s in enumerate(steps)]
+    described = []
+    for k, one in enumerate(steps):
+        report(f"writing it down: model {k + 1} of {len(steps)}", 0.97)
+        described.append(describe_step(selection, one, steps[k - 1] if k else None))
+    report("writing it down: the ranking", 0.97)
     candidates = describe_candidates(selection, end.dropped or steps, path.tried)
     last, campaign, rejected = steps[-1], selection.campaign, steps[0].lack.rejected
     doubts = list_doubts(verdict, candidates, questions, end.unphysical, settings) if rejected else ()
