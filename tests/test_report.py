@@ -32,7 +32,7 @@ from ddetumble.measurement.quantities import (
     format_value,
 )
 from ddetumble.reports import Picture, Section, Table, report, write_page, write_report
-from ddetumble.reports.findings import _show_judgement, _show_ranking, show_errors, show_failures, show_fits
+from ddetumble.reports.findings import _show_judgement, _show_next, _show_ranking, show_errors, show_failures, show_fits
 from ddetumble.selection.result import Place, Trace
 from ddetumble.selection.text import align, choose_view, describe_place, say_places
 from tests.helpers_report import (
@@ -163,6 +163,22 @@ def test_candidates_that_are_not_shown_are_counted():
     assert "more that explain" not in one_more and discovery.candidates[len(shown)].effect in one_more
     idle = tuple(dc.replace(one, explains=0.0) for one in discovery.candidates)
     assert "that explain nothing: " in str(dc.replace(discovery, candidates=idle))
+
+
+def test_a_search_that_was_cut_short_goes_on():
+    """What comes first is the search with twice as many rounds, ten at least; no other verdict names rounds."""
+    def list_advice(found):
+        return _show_next(found).points
+
+    counts = make_discovery("undecided").counts
+    for rounds, more in ((1, 10), (12, 24)):
+        found = make_discovery("undecided", reason="effort", unsearched=("a search",), model="none",
+                               counts={**counts, "rounds": rounds})
+        assert found.more_effort == more and f"-m none --effort {more} " in list_advice(found)[0]
+        assert any("ddetumble design" in one for one in list_advice(found)[1:])
+    for verdict in ("undecided", "explained", "improved"):
+        other = make_discovery(verdict)
+        assert other.more_effort is None and not any("--effort" in one for one in list_advice(other))
 
 
 def test_peaks_only(tmp_path):

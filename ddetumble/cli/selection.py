@@ -138,6 +138,9 @@ def discover_effects(
     if near is not None:
         typer.echo(f"To begin with the nearer reference model: ddetumble discover {shlex.quote(campaign)} "
                    f"-m {near['model']}")
+    if result.more_effort is not None:
+        again = [campaign, *(["-m", model] if model != "paper" else []), "--effort", str(result.more_effort)]
+        typer.echo(f"To search on: ddetumble discover {shlex.join([*again, '-o', f'{target}-{result.more_effort}'])}")
     where = shlex.quote(str(target))
     if len(result.explanations) > 1 or result.steps[-1].alternatives:
         typer.echo(f"The test that tells them apart: ddetumble design {where}")

@@ -407,7 +407,8 @@ def _show_next(discovery: Discovery) -> Section:
     rivals = max(len(discovery.explanations), 1 + len(last))
     return Section("What next", points=tell(
         "verdict.next", verdict=discovery.verdict, rivals=rivals if rivals > 1 else 0,
-        effects=list(map(q.clean, discovery.effects)), plans=find_family(discovery.family).has_contact))
+        effects=list(map(q.clean, discovery.effects)), plans=find_family(discovery.family).has_contact,
+        more=discovery.more_effort, model=q.clean(discovery.model)))
 
 
 def _begin(channel: str) -> str:

@@ -36,6 +36,9 @@ from .settings import DEFAULT, SelectionSettings
 from .text import align, choose_view, format_candidates, format_steps, say_places, say_verdict, show_estimate, wrap
 
 
+FEWEST_ROUNDS = 10  # to search on with: one or two effects take about as many
+
+
 @dc.dataclass(frozen=True)
 class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
     """Everything that `discover` found; `to_dict()` is `result.json`.
@@ -140,6 +143,12 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
             return found
         few = self.counts["records"] < FEWEST and not find_family(self.family).free_running
         return None if few or self.counts["samples"] == self.counts["records"] else found
+
+    @property
+    def more_effort(self) -> int | None:
+        """Rounds to search with in place of those after which the search was cut short, twice as many; None where the
+        verdict does not depend on what was left out."""
+        return max(FEWEST_ROUNDS, 2 * self.counts["rounds"]) if self.unsearched else None
 
     @property
     def best(self) -> Fit:

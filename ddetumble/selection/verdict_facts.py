@@ -273,7 +273,7 @@ def _tell_verdict(found: Discovery, family: Family, folds: str) -> Sentence:
                    choices=[(added, list(others)) for added, others in found.dropped],
                    channels=list(found.rounding.digits))
     if found.verdict == "undecided" and found.unsearched:
-        return say("verdict.stopped", model=model, rounds=counts["rounds"], before=before, p=p,
+        return say("verdict.stopped", model=model, rounds=counts["rounds"], more=found.more_effort, before=before, p=p,
                    choices=[(added, list(others)) for added, others in found.dropped], searches=list(found.unsearched))
     if found.verdict == "undecided" and found.unrepeated:
         return say("verdict.unrepeated", model=model, records=records, needed=FEWEST, before=before, p=p,
