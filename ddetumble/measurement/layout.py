@@ -165,6 +165,11 @@ def _count_columns(rows, least: int = 2) -> tuple[int, float]:
     return width, sum(map(_is_number, cells)) / len(cells)
 
 
+def holds_numbers(rows: list[tuple[int, list[str]]]) -> bool:
+    """Whether any cell of a table is a number."""
+    return any(_is_number(cell) for _, cells in rows for cell in cells)
+
+
 def _find_data(rows, file: str, remedy: str, least: int) -> tuple[int, int, list[int]]:
     """Position of the first data row, number of columns, and which columns hold numbers."""
     width, _ = _count_columns(rows, least)

@@ -19,7 +19,7 @@ import numpy as np
 
 from .._errors import InputError, error_place
 from .formats.channel import Channel
-from .layout import RawFile, lay_out, read_layout, split_heading
+from .layout import RawFile, holds_numbers, lay_out, read_layout, split_heading
 from .tables import find_file
 
 
@@ -280,6 +280,9 @@ def _choose_groups(groups: dict, sheet: str | None, word: str, path: Path, optio
 def _lay_out_sheet(rows, path: Path, option: str = "--sheet") -> RawFile:
     remedy = ("name the sheet with the measurements with --sheet" if option == "--sheet" else
               f"name the sheet with the conditions behind the file, like {option} '{path}:SHEET'")
+    if not holds_numbers(rows):  # it may well be the right sheet, named already and not filled in
+        raise InputError("the sheet holds no rows of numbers below its headings; write them there, or "
+                         f"{remedy} if that is another")
     return lay_out(rows, str(path), ".", remedy=remedy)
 
 
