@@ -423,7 +423,10 @@ def test_a_fit_by_hand_is_as_good_as_that_of_discover(curved, tmp_path):
     (["--free", "effective_mass=1.3"], "kg"), (["--fix", "wall-stiffness.k_w=15000"], "N/m^q"),
     (["--fix", "wall-stiffness.k_w=15 kN/m"], "N/m^q"), (["--fix", "outer_diameter=-60 mm"], "positive"),
     (["--fix", "effective_mass=1 s"], "kg"), (["--fix", "effective_mass=much"], "--fix"),
-    (["--free", "adhesion.tau_a"], "adhesion.tau_a"), (["--prior", "restitution=0.7"], "--prior"),
+    (["--free", "adhesion.tau_a"], "--effect adhesion"), (["--fix", "tau_a=8e4 Pa"], "adhesion.tau_a"),
+    (["--prior", "adhesion.tau=8e4+-1e3 Pa"], "adhesion.tau_a"), (["--free", "p"], "--effect ID"),
+    (["--bound", "viscoelastic-wall.tau=1..2 ms"], "--effect viscoelastic-wall"),
+    (["--prior", "restitution=0.7"], "--prior"),
     (["--prior", "restitution=0.7+-0"], "positive"), (["--prior", "restitution=1.2+-0.1"], "at most 1"),
     (["--prior", "effective_mass=-1+-0.1 kg"], "positive"),
     (["--free", "wall-stiffness.q", "--prior", "wall-stiffness.q=-50+-0.1"], "wall-stiffness.q"),
@@ -436,6 +439,14 @@ def test_faulty_choices_are_refused(folder, words, says, tmp_path, capsys):
     assert main(["fit", str(folder), "-e", "wall-stiffness", *words, "-o", str(tmp_path / "fit")]) == 2
     told = capsys.readouterr().err
     assert says in told and told.count("\n") == 1 and not (tmp_path / "fit").exists()
+
+
+@pytest.mark.parametrize("choice", [{"free": ["adhesion.tau_a"]}, {"priors": {"adhesion.tau_a": (8e4, 1e3)}},
+                                    {"bounds": {"adhesion.tau_a": (1e4, 1e5)}}], ids=lambda one: next(iter(one)))
+def test_a_parameter_of_an_effect_that_the_model_lacks(folder, choice):
+    with pytest.raises(dd.InputError) as caught:
+        dd.fit(folder, **choice)
+    assert caught.value.key == next(iter(choice)) and "effects = ['adhesion']" in caught.value.problem
 
 
 def test_choices_do_not_go_with_a_specification(tmp_path, capsys):

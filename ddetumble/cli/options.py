@@ -10,7 +10,7 @@ from typing import Annotated, Any, NamedTuple
 
 import typer
 
-from .._errors import InputError, error_place, offer_names
+from .._errors import InputError, error_place
 from ..reference_models import list_names
 from .places import Output, locate_campaign, open_folder
 from .progress import quiet_now
@@ -168,33 +168,40 @@ def _read_choice(family: str, own: Path | None, model: str | None, effects: Sequ
     if not (free or fixed or priors or bounds):
         return chosen
     from ..contact.effect import parameters_of
+    from ..families import find_family
     from ..inference.archive import resolve_model
-    from ..inference.models import resolve_effect
+    from ..inference.models import list_effects, resolve_effect
     from ..measurement.columns import read_pairs
 
     resolved = resolve_model(model, family)
     classes = [*(type(effect) for effect in resolved.effects), *map(resolve_effect, names)]
     units = {p.name: p.unit for p in parameters_of(resolved.reference)} | {
         f"{effect.id}.{p.name}": p.unit for effect in classes for p in parameters_of(effect)}
+    lacking = [effect for effect in (*find_family(family).catalogue, *(list_effects(own) if own is not None else ()))
+               if effect not in classes]
+    find_unit = functools.partial(_find_unit, units=units, lacking=lacking)
     freed: dict[str, float | bool] = {}
     for entry in free or ():
         name, sign, value = entry.partition("=")
         name = name.strip()
-        freed[name] = _read_value("free", name, value, _find_unit("free", name, units)) if sign else True
-        _find_unit("free", name, units)
-    held = {name: _read_value("fix", name, text, _find_unit("fix", name, units))
+        freed[name] = _read_value("free", name, value, find_unit("free", name)) if sign else True
+        find_unit("free", name)
+    held = {name: _read_value("fix", name, text, find_unit("fix", name))
             for name, text in read_pairs("fix", fixed).items()}
-    known = {name: _read_prior(name, text, _find_unit("prior", name, units))
+    known = {name: _read_prior(name, text, find_unit("prior", name))
              for name, text in read_pairs("prior", priors).items()}
-    ends = {name: _read_bounds(name, text, _find_unit("bound", name, units))
+    ends = {name: _read_bounds(name, text, find_unit("bound", name))
             for name, text in read_pairs("bound", bounds).items()}
     return chosen | {"free": freed, "fixed": held, "priors": known} | ({"bounds": ends} if ends else {})
 
 
-def _find_unit(option: str, name: str, units: dict[str, str]) -> str:
+def _find_unit(option: str, name: str, units: dict[str, str], lacking: Sequence) -> str:
+    """Unit of a parameter of the model; where it is one of the effects that the model is `lacking`, these are named."""
     if name not in units:
+        from ..inference.models import offer_parameter
+
         raise InputError(f"--{option}: there is no parameter {name!r} in this model; "
-                         f"{offer_names(name, units, 'its parameters are')}")
+                         f"{offer_parameter(name, units, lacking, 'with --effect {}')}")
     return units[name]
 
 

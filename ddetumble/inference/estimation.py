@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from .._display import Progress, stay_silent
-from .._errors import ComputationError, InputError, offer_names
+from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect, is_absent, parameters_of, require_effect
 from ..families import find_family, name_family, open_campaign
 from ..measurement.campaign import Campaign
@@ -21,7 +21,7 @@ from .assembly import Assembly, assemble_space, default_starts
 from .bounded import Bounded, explain_share, list_limits, meets_data, solve_bounded
 from .findings import Fit, summarise_fit
 from .identifiability import assume_typical, describe_assumed
-from .models import ResolvedModel, resolve_effect
+from .models import ResolvedModel, offer_parameter, resolve_effect
 from .noise import Noise
 from .noise_estimation import differs_from_stated, has_more_hum, measure_noise
 from .parameters import ParameterSpace
@@ -346,8 +346,9 @@ def _choose_free(assembly: Assembly, chosen: Sequence[type[AbstractEffect]], wan
     for section in ("free", "fixed", "priors", "bounds"):
         for name in getattr(wanted, section):
             if name not in space.index or (name not in usable and section != "fixed"):
+                lacking = [effect for effect in space.effects if effect.id not in ids]
                 raise InputError(f"there is no parameter {name!r} in this model; "
-                                 f"{offer_names(name, usable, 'its parameters are')}", key=section)
+                                 f"{offer_parameter(name, usable, lacking, 'with effects = [{!r}]')}", key=section)
             if section == "free" and name in wanted.fixed:
                 raise InputError(f"{name} is both free and fixed; leave one out", key=section)
     still = () if wanted.nuisances else [common.slot.name for common in space.commons]

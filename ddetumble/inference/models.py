@@ -3,11 +3,11 @@
 import dataclasses as dc
 import difflib
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from pathlib import Path
 from typing import Any, TypeGuard, cast
 
-from .._errors import InputError
+from .._errors import InputError, offer_names
 from .._user_files import run_file, split_name
 from ..contact.effect import AbstractEffect, AbstractLaw, AbstractModel, identify_model, parameters_of, read_field
 from ..contact.gripping import Striker
@@ -20,6 +20,7 @@ from ..measurement.quantities import join_words
 
 
 USUAL = "paper"  # the model where none is named: of a family without one of this name, its first
+SHOWN = 3  # effects that are named for a parameter that a model does not have
 # Reference models by the name of their class; one that is made of two is `Striker(Ball, CoulombFriction)`.
 PARTS: dict[str, Callable[[], AbstractModel]] = {
     one.__name__: one for one in (Ball, PowerLaw, RubberFriction, AdhesionHysteresis, CoulombFriction, RigidBody)}
@@ -175,6 +176,23 @@ def resolve_effect(name: str, own: Sequence[type[AbstractEffect]] = ()) -> type[
         raise InputError(f"there is no effect {attribute!r} in the file: it must be a class derived from one of "
                          "ddetumble's effect classes", file=path)
     return found
+
+
+def offer_parameter(name: str, usable: Collection[str], lacking: Iterable[type[AbstractEffect]], add: str) -> str:
+    """What to do about a parameter that a model does not have: add the effect that has it, where it is one of those
+    that the model is `lacking` (`add` says how, with `{}` for the effect's id); else what there is, as `offer_names`.
+    """
+    owner = name.partition(".")[0]
+    having = [effect for effect in lacking
+              if effect.id == owner or any(one.name == name for one in parameters_of(effect))]
+    if not having or any(one.endswith(f".{name}") for one in usable):
+        return offer_names(name, usable, "its parameters are")
+    told = [f"{effect.id} (with {', '.join(f'{effect.id}.{one.name}' for one in parameters_of(effect))})"
+            for effect in having[:SHOWN]]
+    single = len(having) == 1
+    more = f" and {len(having) - SHOWN} more" * (len(having) > SHOWN)
+    return (f"it lacks the effect{'s' * (not single)} {', '.join(told)}{more}; add "
+            f"{'it' if single else 'the one that is meant'} {add.format(having[0].id if single else 'ID')}")
 
 
 def _import_model(name: str, path: Path, attribute: str) -> ResolvedModel:
