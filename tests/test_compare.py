@@ -169,6 +169,18 @@ def test_a_model_may_cross_validate_best_and_be_rejected():
     assert [(one.model, one.other, one.refuted) for one in found.beaten] == [(1, 0, True)]
 
 
+@pytest.mark.slow
+def test_noise_that_counts_is_told_where_it_is_not_what_residuals_show():
+    """Of two models that fail, one leaves a misfit that passes for noise of twice the size."""
+    for name, differs in (("impact-b", True), ("impact-c", False)):
+        found = compare(find_data() / name)
+        noise, ratio = found.noise["normal_force"], found.channels["ratio"].iloc[0]
+        assert found.lack_of_fit.rejected and (noise["sd"] > 1.1 * noise["stated_sd"]) == differs
+        assert found.channels["rms"].iloc[0] == pytest.approx(ratio * noise["stated_sd"])
+        sizes = (f"{noise['stated_sd']:.2g} N", f"{noise['sd']:.2g} N")
+        assert any(all(one in note for one in sizes) for note in found.notes) == differs
+
+
 def test_notes_name_the_models_that_they_are_of():
     """Those that hold for all of them stand by themselves."""
     models = [compared(SAME, 100.0 * np.ones(6), False) for _ in range(3)]

@@ -18,7 +18,7 @@ from ..inference.archive import FittedModel, Model, resolve_model, take_fitted
 from ..inference.estimation import fit
 from ..inference.files import AbstractWritten, list_fields, make_plain
 from ..inference.identifiability import list_disputed
-from ..inference.noise_estimation import differs_from_stated
+from ..inference.noise_estimation import NOISE, differs_from_stated
 from ..measurement.campaign import Campaign, label_conditions, thin_campaign
 from ..measurement.quantities import describe_quantity, format_quantity, join_words
 from .cross_validation import compare_losses
@@ -365,6 +365,10 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
     # What a model that fails leaves is no measure of the noise: there the stated size counts.
     level = {c: dc.replace(n, sd=n.stated_sd, sizes={}) if n.stated_sd else n for c, n in bench.noise.items()
              } if lack.rejected else bench.noise
+    counted = [(describe_quantity(c).name, format_quantity(c, n.stated_sd), format_quantity(c, float(f"{n.sd:.2g}")))
+               for c, n in bench.noise.items()
+               if lack.rejected and n.stated_sd and abs(n.sd / n.stated_sd - 1) > NOISE.differs]
+    stated = [str(say("verdict.stated_noise", channels=counted))] if counted else []
     traces = make_traces(campaign, bench.records, solution, level)
     used = bench.records.used.sum(axis=(1, 2))
     chi2 = np.sum(solution.residual ** 2, axis=1) + np.sum(solution.z**2, axis=1)
@@ -391,7 +395,7 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
         parameters=public_estimates(bench, chosen.solution) if names else {},
         where=tuple(residual_places(bench, fitted)), noise=describe_noise(bench), traces=traces, shifts=shifts,
         held_nrmse=held and held.nrmse, held_ratio=held and held.ratio,
-        notes=tuple(dict.fromkeys((*bench.warnings, *told, *filter(None, [thinned])))),
+        notes=tuple(dict.fromkeys((*bench.warnings, *told, *filter(None, [thinned]), *stated))),
         effects=fitted.effects, heldout_nrmse=adjusted.nrmse,
         prediction_nrmse=predicted.nrmse, prediction_coverage=predicted.coverage, heldout_squares=adjusted.squares,
         heldout_losses=chosen.loss, groups=bench.groups,
