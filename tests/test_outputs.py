@@ -214,6 +214,21 @@ def test_results_outlive_a_page_that_fails(words, kept, tmp_path, capsys, monkey
     assert not list(tmp_path.rglob("*.html")) and os.listdir(tmp_path) == ["out"]
 
 
+@pytest.mark.slow
+def test_a_map_outlives_its_figure(tmp_path, capsys, monkeypatch):
+    from ddetumble import figures
+
+    monkeypatch.setattr(figures, "draw_map", lambda found: 1 / 0)
+    plan = tmp_path / "plan.csv"
+    plan.write_text("initial_pressure [MPa],approach_speed [m/s]\n1,0.2\n2,0.4\n", encoding="utf-8")
+    words = ["map", str(plan), "--channel", "normal_force: 0.25 N", "--value", "effective_mass=1.3 kg", "--value",
+             "restitution=0.7", "--length", "20 ms", "--interval", "1 ms", "-o", str(tmp_path / "out")]
+    assert main(words) == 1
+    printed = capsys.readouterr()
+    assert "division by zero" in printed.err and str(tmp_path / "out") in printed.out
+    assert set(list_all(tmp_path / "out")) == {".ddetumble.json", "map.json"}
+
+
 def test_pages_tell_what_they_draw(tmp_path):
     """Every figure is named as it is drawn, to whoever follows the command, and to nobody afterwards."""
     told: list[str] = []

@@ -80,9 +80,10 @@ class Output(NamedTuple):
         """Where something written into the draft will be."""
         return self.path / written.relative_to(self.draft)
 
-    def draw(self, write: Callable[[Path], Path], report: Report, again: str = AGAIN) -> Path | None:
-        """Where the page will be that `write` makes beside results in the draft; None where it fails. What it draws is
-        reported.
+    def draw(self, write: Callable[[Path], Path], report: Report, again: str = AGAIN, what: str = "page"
+             ) -> Path | None:
+        """Where the page, or `what` else, will be that `write` makes beside results in the draft; None where it fails.
+        What it draws is reported.
 
         The results may be worth minutes: they are kept, without what the page left, and one sentence on standard error
         says so, and with `again` what draws them. The command's exit code is then that of a failure.
@@ -98,7 +99,7 @@ class Output(NamedTuple):
             rest = sorted(set(self.draft.rglob("*")) - before, reverse=True)  # what is in a folder before the folder
             _remove(self.draft, (str(one.relative_to(self.draft)) for one in rest))
             why = explain(error, words_now.get())[0].rstrip(".").replace(str(self.draft), str(self.path))
-            tell(f"the page could not be drawn: {why}; the results are kept in {self.path}, and {again}.", FAILED)
+            tell(f"the {what} could not be drawn: {why}; the results are kept in {self.path}, and {again}.", FAILED)
             return None
         finally:
             follower.reset(token)

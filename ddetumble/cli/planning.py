@@ -5,8 +5,9 @@ from typing import Annotated
 
 import typer
 
+from .failures import FAILED
 from .options import Model, Overwrite, Texts, command, option, place
-from .places import locate_fit, locate_plan, open_folder, open_optional, tell_page
+from .places import locate_fit, locate_plan, open_folder, open_optional, tell_page, write_bytes
 from .progress import show_progress
 
 
@@ -34,18 +35,20 @@ def design_test(
     with open_optional(output, "design", overwrite) as out:
         from ..planning.next_test import design
 
-        places = [locate_fit(folder) for folder in folders]
+        places, drawn = [locate_fit(folder) for folder in folders], None
         with show_progress(f"designing the next test for {' and '.join(map(str, folders))}") as report:
             found = design(places if len(places) > 1 else places[0], limits=limit, channels=channel, length=length,
                            progress=report)
-        if out is not None:
-            from ..figures import draw_next_test, render_png
+            if out is not None:
+                from ..figures import draw_next_test, render_png
 
-            found.save(out.draft)
-            (out.draft / "design.png").write_bytes(render_png(draw_next_test(found)))
+                found.save(out.draft)
+                drawn = out.draw(lambda draft: _write_figure(draft / "design.png", render_png(draw_next_test(found))),
+                                 report, what="figure")
     typer.echo(str(found))
     if output is not None:
         typer.echo(f"Written to {output}")
+        return FAILED if drawn is None else None
 
 
 @command("map", "Map the effects that a planned campaign could detect and distinguish.", "map plan.csv -o map",
@@ -79,18 +82,20 @@ def map_campaign(
         from ..inference.models import list_effects
         from ..planning.detectability import map_effects
 
-        own = list_effects(effects_from) if effects_from is not None else ()
+        own, drawn = list_effects(effects_from) if effects_from is not None else (), None
         with show_progress(f"mapping {path.stem}") as report:
             found = map_effects(path, model, effects=own, channels=channel, uncertainties=uncertainty, values=value,
                                 sizes=size, length=length, interval=interval, progress=report)
-        if out is not None:
-            from ..figures import draw_map, render_png
+            if out is not None:
+                from ..figures import draw_map, render_png
 
-            found.save(out.draft)
-            (out.draft / "map.png").write_bytes(render_png(draw_map(found)))
+                found.save(out.draft)
+                drawn = out.draw(lambda draft: _write_figure(draft / "map.png", render_png(draw_map(found))), report,
+                                 what="figure")
     typer.echo(str(found))
     if output is not None:
         typer.echo(f"Written to {output}")
+        return FAILED if drawn is None else None
 
 
 @command("plan", "Plan where, how fast and when to strike tumbling debris.",
@@ -118,3 +123,9 @@ def plan_impacts(
         page = out.draw(lambda draft: write_plan(found, draft), report)
     typer.echo(str(found))
     return tell_page(page, out.path)
+
+
+def _write_figure(path: Path, image: bytes) -> Path:
+    """Write an image; returns its path."""
+    write_bytes(image, path)
+    return path

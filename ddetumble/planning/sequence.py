@@ -368,7 +368,7 @@ def refine_sequence(problem: StrikeProblem, sequence: Sequence, share: float, ai
     tell = progress or stay_silent
 
     def compute(z):
-        tell(f"{len(passed)} sequences tried", math.nan)
+        tell(f"sequence {len(passed) + 1} of impacts tried", math.nan)
         value, slopes = follow_slopes(problem, faces, z.reshape(first.shape))
         if not np.isfinite(value).all():  # far worse than where it began, and not allowed
             worst = 10.0 * passed[0][1][:3] if passed else np.full(3, 1e6)
