@@ -243,8 +243,9 @@ def plan_strike(problem: StrikeProblem, *, starts: int = STARTS, seed: int = 0, 
         ends += [end for k, (face, x) in enumerate(places, 1)
                  if (end := finish(face, x, 1, f"{more}descent {k} of {len(places)}"))]
         ends.sort(key=order)
-        ends[:BEST] = [finish(*end[2:4], ROUNDS, f"{more}descent again from the best, {k} of {len(ends[:BEST])}") or end
-                       for k, end in enumerate(ends[:BEST], 1)]
+        best = ends[:BEST]
+        ends[:BEST] = [finish(end[2], end[3], ROUNDS, f"{more}descent again from the best, {k} of {len(best)}") or end
+                       for k, end in enumerate(best, 1)]
         ends.sort(key=order)
         if not ends or not ends[0][0] or untouched - ends[0][1] < LEAST_GAIN * untouched:
             continue
