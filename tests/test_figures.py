@@ -282,7 +282,7 @@ def test_time_is_shown_in_one_unit(hours, unit):
         labels = {axes.get_xlabel().strip() for axes in figures.draw_fit({"m": traces}, traces[0].channel).axes}
         assert f"time [{unit}]" in labels
         early = Place(traces[0].channel, "time", (0.0, 1.0), "", 0.5)  # of a long record, so not in ms
-        assert describe_place(early, choose_view(traces))["high"].endswith(f" {unit}")
+        assert describe_place(early, choose_view(traces))["span"].endswith(f" {unit}")
 
 
 @pytest.mark.parametrize("time, longest, text", [
