@@ -35,8 +35,8 @@ class HumSettings:
     # or a motion, which a missing force looks like.
     turns: float = 1.5
     free_turns: float = 10.0
-    # Bins by which it would lie elsewhere, if it went with the body's rates as all does that its motion makes, in more
-    # of the freely running records than may show nothing of it.
+    # Bins by which it would lie elsewhere, if it went with the body's rates as all does that its motion makes: in more
+    # of the freely running records than may show nothing of it, or in fewer, where these show it and `steady` holds.
     stays: float = 1.5
     fastest: float = 0.45  # frequency in cycles a sample, at most
     worth_a_look: float = 0.01  # p-value of the highest peak of the spectrum, above which no sine is fitted
@@ -49,7 +49,7 @@ class HumSettings:
     free_random: float = 0.03
     # steady, differ, steady_random: relative scatter of the amplitude, below which no force of a contact makes it where
     # one of the conditions differs by that factor at least, and the p-value that counts then: of campaigns whose phases
-    # are random one in fifty is below the other one.
+    # are random one in fifty is below the other one. No motion makes so steady a line at other rates, either.
     steady: float = 0.15
     differ: float = 1.5
     steady_random: float = 0.001
@@ -138,8 +138,8 @@ def _find_line(campaign: Campaign, records: Records, solution: Solution, group: 
     gain, peak = max(peaks)
     before = solution.fit_more(known).gain if known.shape[2] else 0.0
     chance = stats.chi2.sf(gain - before, 2 * draws) * len(grid)
-    if chance > settings.p_value or not _stays(records, group, peak, bin_, settings) or (
-            not _list_seen(campaign, records, fit(peak), len(group), settings)):
+    elsewhere = _would_move(records, group, peak, bin_, settings)
+    if chance > settings.p_value or not _list_seen(campaign, records, fit(peak), len(group), elsewhere, settings):
         return None
     near: Any = optimize.minimize_scalar(lambda f: -fit(f).gain, bounds=(peak - NEAR * bin_, peak + NEAR * bin_),
                                          method="bounded", options={"xatol": FINE * bin_})
@@ -148,7 +148,8 @@ def _find_line(campaign: Campaign, records: Records, solution: Solution, group: 
         multiple = mains * max(round(frequency / mains), 1)
         if abs(multiple - frequency) < NEAR * bin_ and (other := fit(multiple)).gain > one.gain - TIE:
             frequency, one = multiple, other
-    sines, seen = _take_sines(one.found, len(group)), _list_seen(campaign, records, one, len(group), settings)
+    seen = _list_seen(campaign, records, one, len(group), elsewhere, settings)
+    sines = _take_sines(one.found, len(group))
     return (frequency, {group[k]: float(np.sqrt(np.mean(sines[:, k] ** 2))) for k in seen}) if seen else None
 
 
@@ -157,14 +158,17 @@ def _take_sines(columns: np.ndarray, channels: int) -> np.ndarray:
     return columns[:, -2 * channels:].reshape(len(columns), channels, 2)
 
 
-def _list_seen(campaign: Campaign, records: Records, one: Added, channels: int, settings: HumSettings) -> list[int]:
+def _list_seen(campaign: Campaign, records: Records, one: Added, channels: int, elsewhere: np.ndarray,
+               settings: HumSettings) -> list[int]:
     """Places of the channels whose sines are as large in each record and of which the phases share nothing, if they
     are hum; else none."""
     sines, errors = _take_sines(one.found, channels), _take_sines(one.error, channels)
     sizes = np.hypot(sines[..., 0], sines[..., 1])
-    seen = np.mean(np.sum((sines / errors) ** 2, axis=2) > stats.chi2.isf(0.01, 2), axis=0)
-    even = np.std(sizes, axis=0) <= settings.alike * np.mean(sizes, axis=0)
-    places = [int(k) for k in np.flatnonzero((seen >= settings.seen) & even)]
+    shown = np.sum((sines / errors) ** 2, axis=2) > stats.chi2.isf(0.01, 2)
+    enough, alike = np.mean(shown, axis=0) >= settings.seen, settings.alike
+    if np.mean(elsewhere) <= 1.0 - settings.seen:  # so few might show nothing of a line that moves
+        enough, alike = enough & elsewhere.any() & np.all(shown[elsewhere], axis=0), settings.steady
+    places = [int(k) for k in np.flatnonzero(enough & (np.std(sizes, axis=0) <= alike * np.mean(sizes, axis=0)))]
     free = find_family(records.family).free_running
     if len(places) * records.count < (settings.free_phases if free else settings.phases):
         return []
@@ -183,16 +187,16 @@ def _list_seen(campaign: Campaign, records: Records, one: Added, channels: int, 
     return places if 2.0 * min(chances) > (settings.steady_random if steady else settings.random) else []
 
 
-def _stays(records: Records, group: Sequence[int], frequency: float, bin_: float, settings: HumSettings) -> bool:
-    """Whether a line at one frequency in all records cannot go with the rates of a body that moves freely, as these
-    differ enough from record to record."""
+def _would_move(records: Records, group: Sequence[int], frequency: float, bin_: float, settings: HumSettings
+                ) -> np.ndarray:
+    """In which records a line would lie at another frequency than `frequency`, if it went with the rates of a body that
+    moves freely, as all does that its motion makes; all of them where none does."""
     if not find_family(records.family).free_running:
-        return True
+        return np.ones(records.count, dtype=bool)
     values, weights = (np.asarray(x)[: records.count][:, list(group)] for x in
                        (records.stack.values, records.stack.weights))
     rates = np.sqrt(np.sum(values**2 * (weights > 0), axis=(1, 2)) / np.maximum(np.sum(weights > 0, axis=(1, 2)), 1))
-    elsewhere = np.abs(rates / np.median(rates) - 1.0) * frequency > settings.stays * bin_
-    return bool(np.mean(elsewhere) > 1.0 - settings.seen)
+    return np.abs(rates / np.median(rates) - 1.0) * frequency > settings.stays * bin_
 
 
 def _average_spectrum(records: Records, solution: Solution, group: Sequence[int], paces: np.ndarray,
