@@ -252,6 +252,7 @@ def test_a_fit_goes_on_from_a_saved_one(campaign, fitted, tmp_path):
     (dict(free=["sensor-gain.g"]), "no parameter 'sensor-gain.g'"),
     (dict(free=["outer_diameter"], fixed={"outer_diameter": 0.06}), "both free and fixed"),
     (dict(fixed={"effective_mass": -1.0}), "positive"),
+    (dict(fixed={"adhesion.tau_a": 1e4}), "adhesion"),  # of an effect that the model does not have
     (dict(fixed={"restitution": 1.5}), "between 0 and 1"),
     (dict(fixed={"effective_mass": 1.0, "restitution": 0.7}), "nothing is left to fit"),
     (dict(priors={"outer_diameter": (0.06, 0.001)}), "not fitted"),

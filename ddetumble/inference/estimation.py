@@ -345,7 +345,7 @@ def _choose_free(assembly: Assembly, chosen: Sequence[type[AbstractEffect]], wan
     usable = [s.name for s in space.slots if s.owner is None or s.owner in ids]
     for section in ("free", "fixed", "priors", "bounds"):
         for name in getattr(wanted, section):
-            if name not in space.index or (name not in usable and section != "fixed"):
+            if name not in usable:
                 lacking = [effect for effect in space.effects if effect.id not in ids]
                 raise InputError(f"there is no parameter {name!r} in this model; "
                                  f"{offer_parameter(name, usable, lacking, 'with effects = [{!r}]')}", key=section)
