@@ -70,6 +70,29 @@ def test_what_splines_took_of_the_noise_is_made_up_for(rho, white):
     assert np.mean(without) < np.mean(z) - 0.5
 
 
+@pytest.mark.parametrize("rho", [0.45, 0.63, 0.8])
+def test_rounding_adds_to_noise_that_is_stated_without_it(rho):
+    """Above a fifth of the sampling rate noise of 2, rounded to 6, looks as white noise of about 2 does, and below it
+    there is more. Noise stated with its rounding is white; where more strays than both make, it may be a misfit.
+    """
+    for seed in range(5):
+        generator = np.random.default_rng([10, seed])
+        time = np.arange(300.0)
+        swing = 300.0 * np.sin(0.07 * time)  # what a body does, of which no reading stands still
+        noisy = [draw_noise(generator, 300, 2.0, rho, 0.0) for _ in range(6)]
+        traces = [6.0 * np.round((swing + x) / 6.0) - swing for x in noisy]
+        found = estimate_noise(traces, 1.0, 0.1, 2.0, whole=measure_deviation(traces), digit=6.0)
+        assert found.sd == pytest.approx(np.sqrt(4.0 + 3.0), rel=0.03) and found.stated_sd == 2.0
+        assert abs(find_level(found.sd, found.correlation, found.white_share, 0.1)
+                   - find_level(np.sqrt(7.0), rho, 3.0 / 7.0, 0.1)) < 3.0 * found.log_level_sd
+        more = [x + 3.0 * np.cos(0.1 * time) for x in traces]  # a misfit of as much again
+        assert (estimate_noise(more, 1.0, 0.1, 2.0, whole=measure_deviation(more), digit=6.0)
+                == estimate_noise(more, 1.0, 0.1, 2.0, whole=measure_deviation(more)))
+        white = [6.0 * np.round((swing + draw_noise(generator, 300, 1.0, 0.0, 0.0)) / 6.0) - swing for _ in range(6)]
+        told = estimate_noise(white, 1.0, 0.1, 2.0, whole=measure_deviation(white), digit=6.0)
+        assert told.sd == pytest.approx(2.0, rel=0.03) and told.correlation < 0.2
+
+
 @pytest.mark.parametrize(("rho", "white"), [(0.0, 0.0), (0.7, 0.0), (0.9, 0.3)])
 def test_many_samples_fix_every_parameter(rho, white):
     """A grid of nodes does not limit how well: a million samples give the truth to a percent."""

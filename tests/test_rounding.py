@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from ddetumble.exam.cases import Exam
 from ddetumble.exam.examination import run_case
 from ddetumble.exam.scoring import is_alarm
-from ddetumble.selection.rounding import bound_rounding, find_digit
+from ddetumble.measurement.digits import bound_rounding, find_digit
 
 
 @given(digit=st.floats(1e-6, 1e3), origin=st.floats(-100.0, 100.0), span=st.floats(2.0, 500.0),

@@ -16,6 +16,7 @@ from scipy.interpolate import BSpline
 
 from ..families import Span, find_family
 from ..measurement.campaign import Campaign
+from ..measurement.digits import measure_digit
 from . import distributions as stats
 from .hum import HumSettings, find_hum, tune_hum
 from .noise import Noise
@@ -181,7 +182,9 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution, sett
             [run.residual for run in alike], interval, lowest, expected,
             None if sizes is not None else _measure_quiet(records, c),
             measure_deviation([x if sizes is None else x / sizes.relative[r][used] for r, used, x in whole])
-            if look_random(parts, settings.size) else None, own, [run.taken for run in alike]))
+            if look_random(parts, settings.size) else None, own, [run.taken for run in alike],
+            measure_digit(values[r, c, :n][weights[r, c, :n] > 0] for r, n in enumerate(records.lengths))
+            if sizes is None else 0.0))
     if before and any(level.hum for level in before.values()):
         before = tune_hum(campaign, records, solution, before, settings.hum)
     found = {channel: level.with_slow_parts(before[channel]) if before else level for channel, level in found.items()}
@@ -313,7 +316,7 @@ def _spectrum(frequency: np.ndarray, interval: float, correlation: float | np.nd
 
 def estimate_noise(traces: Sequence[np.ndarray], interval: float, lowest: float, stated_sd: float | None,
                    quiet: Deviation | None = None, whole: Deviation | None = None, settings: NoiseSettings = NOISE,
-                   taken: Sequence[np.ndarray | None] | None = None) -> Noise:
+                   taken: Sequence[np.ndarray | None] | None = None, digit: float = 0.0) -> Noise:
     """Whittle likelihood of the residuals' spectrum above the frequencies of the contact.
 
     Args:
@@ -330,6 +333,8 @@ def estimate_noise(traces: Sequence[np.ndarray], interval: float, lowest: float,
         taken: of each record orthonormal columns over its samples, shape (samples, columns), whose share was taken out
             of it (None: nothing, or nothing to speak of): they took power of the noise, too, most of it below `lowest`.
         settings: thresholds.
+        digit: to whose multiples the readings are rounded, which adds a twelfth of its square to a variance that is
+            stated without it. So much noise is there where the `whole` says so beyond doubt, and not more.
     """
     power, frequency = [], []
     for trace, columns in zip(traces, taken or [None] * len(traces), strict=True):
@@ -375,6 +380,13 @@ def estimate_noise(traces: Sequence[np.ndarray], interval: float, lowest: float,
         # A slow drift beside white noise of another size would say the same: the simpler account is believed.
         found = min(found, choose(quiet.sd), key=lambda noise: judge(noise) + quiet.lose(
             noise.sd, noise.correlation, noise.white_share))
+    if whole is not None and digit:
+        rounded = choose(float(np.hypot(stated_sd, digit / np.sqrt(12.0))))
+        losses = [judge(noise) + whole.lose(noise.sd, noise.correlation, noise.white_share)
+                  for noise in (found, rounded)]
+        if losses[0] - losses[1] > settings.refuted and settings.worth > whole.lose(
+                rounded.sd, rounded.correlation, rounded.white_share):
+            found = dc.replace(rounded, text=f"{rounded.text}: readings are multiples of {digit:.3g}")
     if whole is not None:
         own = choose(None, whole)
         gain = [judge(noise) + whole.lose(noise.sd, noise.correlation, noise.white_share, beyond=True)
