@@ -52,7 +52,7 @@ def test_nothing_missing(tmp_path, seed, noise):
     ("wall-stiffness", {"k_w": 1100.0, "q": 1.0}, {}),
     ("viscous-dashpot", {"c_v": 6.0}, {"rho": 0.6}),
     ("sensor-highpass", {"tau_s": 0.7}, {}),
-    ("speed-dependent-restitution", {"p": 0.09}, {}),
+    pytest.param("speed-dependent-restitution", {"p": 0.09}, {}, marks=pytest.mark.study),
     ("adhesion", {"tau_a": 5e4}, {}),
     # A gauge that rings, and what it may be taken for.
     ("sensor-resonance", {"f_0": 130.0, "zeta": 0.06}, {}),
@@ -78,7 +78,7 @@ def test_single_effect_is_found(tmp_path, effect, values, noise):
     assert found.steps[-1].nrmse == pytest.approx(found.noise_nrmse, rel=0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_pair_is_found(tmp_path):
     found = judge(tmp_path, "pair", {"wall-stiffness": {"k_w": 1300.0, "q": 1.0}, "sensor-highpass": {"tau_s": 0.6}},
                   31, repeats=2)
@@ -103,7 +103,7 @@ def test_a_search_that_is_cut_short_names_nothing(tmp_path, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["slip-d", "impact-e"])
+@pytest.mark.parametrize("name", ["slip-d", pytest.param("impact-e", marks=pytest.mark.study)])
 def test_one_round_is_enough_for_one_effect(name):
     """What needs no further search leaves none out."""
     found = discover(find_data() / name, settings=SelectionSettings(effort=1))

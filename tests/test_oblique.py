@@ -449,7 +449,7 @@ def test_what_axes_read_of_each_other_is_no_wrong_sign(tmp_path):
     assert "sensor-crosstalk.c_nt" not in found
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_crosstalk_of_the_gauge_is_found(tmp_path):
     """Named from what it does to impacts that grip as well as to those that slide, by the second simulator."""
     hidden = {"sensor-crosstalk": {"c_tn": 0.03}}

@@ -206,7 +206,7 @@ def test_a_gain_beyond_a_calibration_is_no_explanation(tmp_path):
     assert json.loads(found.save(tmp_path / "found").read_text())["doubts"] == list(found.doubts)
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_wrong_unit_is_asked_about_before_physics_is_named(tmp_path):
     wall = {"wall-stiffness": {"k_w": 1500.0}}
     campaign = dd.read_campaign(write(tmp_path / "wall", wall, 22, [0.5e6, 1.6e6], [0.2, 0.6], 1))
