@@ -31,6 +31,10 @@ class HumSettings:
     # random are not told from those that physics gives. Three records of three axes are what many have.
     phases: int = 10
     free_phases: int = 9
+    # harmonics, fast_phases: times as often as a body turns, beyond which its motion makes no line without larger ones
+    # below, as torques follow its attitude or its square; and how many phases are enough there.
+    harmonics: float = 5.0
+    fast_phases: int = 6
     # turns, free_turns: of the sine in a record at least, the second where records run freely: slower ones are drifts,
     # or a motion, which a missing force looks like.
     turns: float = 1.5
@@ -43,10 +47,11 @@ class HumSettings:
     p_value: float = 1e-6  # of what the sine removes, over all frequencies, below which it is there
     seen: float = 0.7  # share of the records in which it has to be seen by itself (at 1 %)
     alike: float = 0.5  # relative scatter of its amplitude over the records, at most: hum does not know the conditions
-    # random, free_random: p-value of phases that are alike, or follow the conditions, below which they are no hum's; of
-    # three axes that begin alike in three records it is 0.012.
+    # random, free_random, fast_random: p-value of phases that are alike, or follow the conditions, below which they are
+    # no hum's; of three axes that begin alike in three records it is 0.012, and 0.12 in two.
     random: float = 0.01
     free_random: float = 0.03
+    fast_random: float = 0.15
     # steady, differ, steady_random: relative scatter of the amplitude, below which no force of a contact makes it where
     # one of the conditions differs by that factor at least, and the p-value that counts then: of campaigns whose phases
     # are random one in fifty is below the other one. No motion makes so steady a line at other rates, either.
@@ -70,7 +75,7 @@ def find_hum(campaign: Campaign, records: Records, solution: Solution, noise: Ma
     channels = [c for c, channel in enumerate(records.channels) if not channel.startswith("attitude_")]
     # What shakes a gyroscope shakes all its axes; a gauge of force has one.
     for group in [channels] if free and channels else [[c] for c in channels]:
-        if len(group) * records.count < (settings.free_phases if free else settings.phases):
+        if len(group) * records.count < (settings.fast_phases if free else settings.phases):
             continue
         lines: list[tuple[float, dict[int, float]]] = []
         known = np.zeros((records.count, solution.residual.shape[1], 0))
@@ -138,8 +143,9 @@ def _find_line(campaign: Campaign, records: Records, solution: Solution, group: 
     gain, peak = max(peaks)
     before = solution.fit_more(known).gain if known.shape[2] else 0.0
     chance = stats.chi2.sf(gain - before, 2 * draws) * len(grid)
-    elsewhere = _would_move(records, group, peak, bin_, settings)
-    if chance > settings.p_value or not _list_seen(campaign, records, fit(peak), len(group), elsewhere, settings):
+    fast, elsewhere = _would_move(records, group, peak, bin_, settings)
+    if chance > settings.p_value or not _list_seen(campaign, records, fit(peak), len(group), fast, elsewhere,
+                                                   settings):
         return None
     near: Any = optimize.minimize_scalar(lambda f: -fit(f).gain, bounds=(peak - NEAR * bin_, peak + NEAR * bin_),
                                          method="bounded", options={"xatol": FINE * bin_})
@@ -148,7 +154,7 @@ def _find_line(campaign: Campaign, records: Records, solution: Solution, group: 
         multiple = mains * max(round(frequency / mains), 1)
         if abs(multiple - frequency) < NEAR * bin_ and (other := fit(multiple)).gain > one.gain - TIE:
             frequency, one = multiple, other
-    seen = _list_seen(campaign, records, one, len(group), elsewhere, settings)
+    seen = _list_seen(campaign, records, one, len(group), fast, elsewhere, settings)
     sines = _take_sines(one.found, len(group))
     return (frequency, {group[k]: float(np.sqrt(np.mean(sines[:, k] ** 2))) for k in seen}) if seen else None
 
@@ -158,10 +164,10 @@ def _take_sines(columns: np.ndarray, channels: int) -> np.ndarray:
     return columns[:, -2 * channels:].reshape(len(columns), channels, 2)
 
 
-def _list_seen(campaign: Campaign, records: Records, one: Added, channels: int, elsewhere: np.ndarray,
+def _list_seen(campaign: Campaign, records: Records, one: Added, channels: int, fast: bool, elsewhere: np.ndarray,
                settings: HumSettings) -> list[int]:
     """Places of the channels whose sines are as large in each record and of which the phases share nothing, if they
-    are hum; else none."""
+    are hum; else none. `fast` and `elsewhere` are those of `_would_move`."""
     sines, errors = _take_sines(one.found, channels), _take_sines(one.error, channels)
     sizes = np.hypot(sines[..., 0], sines[..., 1])
     shown = np.sum((sines / errors) ** 2, axis=2) > stats.chi2.isf(0.01, 2)
@@ -170,14 +176,16 @@ def _list_seen(campaign: Campaign, records: Records, one: Added, channels: int, 
         enough, alike = enough & elsewhere.any() & np.all(shown[elsewhere], axis=0), settings.steady
     places = [int(k) for k in np.flatnonzero(enough & (np.std(sizes, axis=0) <= alike * np.mean(sizes, axis=0)))]
     free = find_family(records.family).free_running
-    if len(places) * records.count < (settings.free_phases if free else settings.phases):
+    fewest = (settings.fast_phases if fast else settings.free_phases) if free else settings.phases
+    if len(places) * records.count < fewest:
         return []
     # Nothing alike (Rayleigh's test), nor alike but for the sign, in all channels together.
     phase = np.arctan2(sines[..., 1], sines[..., 0])[:, places]
     chances = [float(stats.gamma.sf(np.sum(np.abs(np.mean(np.exp(1j * k * phase), axis=0)) ** 2) * records.count,
                                     len(places))) for k in (1, 2)]
     if free:
-        return places if 2.0 * min(chances) > settings.free_random else []
+        few = len(places) * records.count < settings.free_phases
+        return places if 2.0 * min(chances) > (settings.fast_random if few else settings.free_random) else []
     # Nor moving with the conditions: free motion has none.
     groups, conditions = group_conditions(campaign.records), campaign.records.to_numpy(dtype=float)
     chances += [follow_conditions(sines[:, k, part], groups, conditions) for k in places for part in range(2)]
@@ -188,15 +196,20 @@ def _list_seen(campaign: Campaign, records: Records, one: Added, channels: int, 
 
 
 def _would_move(records: Records, group: Sequence[int], frequency: float, bin_: float, settings: HumSettings
-                ) -> np.ndarray:
-    """In which records a line would lie at another frequency than `frequency`, if it went with the rates of a body that
-    moves freely, as all does that its motion makes; all of them where none does."""
+                ) -> tuple[bool, np.ndarray]:
+    """Whether a line of that frequency is faster than any that the motion of a free body makes, and in which records it
+    would lie at another one if it went with the body's rates; in all of them where it is so fast, or none moves freely.
+    """
+    everywhere = np.ones(records.count, dtype=bool)
     if not find_family(records.family).free_running:
-        return np.ones(records.count, dtype=bool)
+        return False, everywhere
     values, weights = (np.asarray(x)[: records.count][:, list(group)] for x in
                        (records.stack.values, records.stack.weights))
     rates = np.sqrt(np.sum(values**2 * (weights > 0), axis=(1, 2)) / np.maximum(np.sum(weights > 0, axis=(1, 2)), 1))
-    return np.abs(rates / np.median(rates) - 1.0) * frequency > settings.stays * bin_
+    rates *= np.sqrt(len(group))  # of the vector, where no sample is missing
+    if frequency > settings.harmonics * rates.max() / (2.0 * np.pi):
+        return True, everywhere
+    return False, np.abs(rates / np.median(rates) - 1.0) * frequency > settings.stays * bin_
 
 
 def _average_spectrum(records: Records, solution: Solution, group: Sequence[int], paces: np.ndarray,
