@@ -48,6 +48,18 @@ def test_rivals_of_the_best(chi2, heldout, parameters, rival):
     assert all(difference == pytest.approx(heldout - 1100.0) for _, difference, _ in found)
 
 
+@pytest.mark.parametrize(("worse", "chi2", "rival"), [
+    ((0.0, 200.0, 5.0), 1000.0, True),  # one condition alone, which the others may not foretell
+    ((0.0, 200.0, 5.0), 1010.0, False),  # one that does not even fit as well is decided against
+    ((60.0, 70.0, 75.0), 1000.0, False),  # all conditions agree
+])
+def test_what_one_condition_alone_speaks_against_is_no_better_than_a_rival(worse, chi2, rival):
+    best, before = fitted("best", 1000.0, 1100.0), fitted("", 2009.0, 2100.0, 0)
+    other = dc.replace(fitted("other", chi2, 1100.0), loss=best.loss + np.repeat(worse, 2) / 2)
+    tried = CandidateFits({}, {"best": best, "other": other}, before, ("best", "other"))
+    assert bool(find_alternatives(PROBLEM, tried, before)) == rival
+
+
 @pytest.mark.parametrize(("gain", "rival"), [(1.05, True), (1.99, True), (2.01, True), (2.03, False), (0.4, False)])
 def test_what_lies_wholly_beyond_physics_is_no_rival(gain, rival):
     """A calibration is off by 2 at most; an interval of 0.02 either way that reaches that far still counts."""

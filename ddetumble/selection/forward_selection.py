@@ -410,7 +410,8 @@ def find_alternatives(selection: SelectionProblem, tried: CandidateFits, current
     """Every other effect that the best does not beat in cross-validation, with the paired difference.
 
     One that fits far better than the best and predicts worse is not beaten either: of a model that is not all, left-out
-    conditions alone may favour an effect for what else is missing.
+    conditions alone may favour an effect for what else is missing. Nor is one that fits as well and predicts worse by
+    no more than chance, however much that is: the others may not fix a parameter that a single condition does.
     """
     close, best = [], tried.refined[tried.order[0]]
     unit = selection.disperse(best)
@@ -419,8 +420,10 @@ def find_alternatives(selection: SelectionProblem, tried: CandidateFits, current
         if other is None or other.solution is current.solution or is_beyond(selection, current, other):
             continue
         difference, error = compare_losses(other.loss, best.loss, selection.groups)
-        beaten = selection.settings.is_beaten(difference / unit, error / unit)
-        if not beaten or fits_better(other, best, current, selection.settings):
+        limits = selection.settings
+        beaten = (limits.is_significant if fits_as_well(other, best, limits) else limits.is_beaten)(
+            difference / unit, error / unit)
+        if not beaten or fits_better(other, best, current, limits):
             close.append((effect, difference, error))
     return tuple(close)
 
