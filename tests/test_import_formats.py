@@ -453,17 +453,18 @@ def test_a_table_of_conditions_among_several_sheets_is_named_behind_the_file(tmp
     assert len(dd.import_tests(tmp_path / "a.csv", conditions=f"{table}:Table").records) == 1
 
 
-def test_a_sheet_that_is_named_and_not_filled_in(tmp_path):
+@pytest.mark.parametrize("filled", [1, 0], ids=["headings", "empty"])
+def test_a_sheet_that_is_named_and_not_filled_in(tmp_path, filled):
     """That it holds no rows is what is wrong, of measurements and of conditions; which sheet is known."""
     rows = as_rows(channels())
-    book = write_sheets(tmp_path / "a.xlsx", {"Data": rows[:1], "old": rows})
+    book = write_sheets(tmp_path / "a.xlsx", {"Data": rows[:filled], "old": rows})
     write_csv(tmp_path / "b.csv", channels())
-    table = write_sheets(tmp_path / "settings.xlsx", {"Table": [["file", "p [bar]", "v [m/s]"]], "old": rows})
+    table = write_sheets(tmp_path / "settings.xlsx", {"Table": [["file", "p [bar]", "v [m/s]"]][:filled], "old": rows})
     for path, named in ((book, {"sheet": "Data", **CONDITIONS}),
                         (tmp_path / "b.csv", {"conditions": f"{table}:Table"})):
         with pytest.raises(dd.InputError) as caught:
             dd.import_tests(path, **named)
-        assert caught.value.sheet in ("sheet Data", "sheet Table") and "holds no rows" in caught.value.problem
+        assert caught.value.sheet in ("sheet Data", "sheet Table") and "holds no" in caught.value.problem
         assert ("--sheet" in caught.value.problem) == (path == book)
 
 

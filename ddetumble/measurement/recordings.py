@@ -132,7 +132,7 @@ def read_files(path, *, sheet: str | None = None, leave_out: str | None = None, 
             raise InputError("a text file has no sheets; leave out --sheet", file=path)
         return [read_layout(path, delimiter=delimiter, decimal=decimal, single=single)]
     word, short = "sheet" if ending in _SHEETS else "group", path.name
-    groups = _read_groups(path)
+    groups = {name: held for name, held in _read_groups(path).items() if held or name == sheet}
     if groups.pop(leave_out, None) is not None and not groups:
         return []
     if not groups:
@@ -206,6 +206,8 @@ def list_channels(path) -> tuple[Channel, ...]:
         return tuple(Channel(name, cells, raw.units[name]) for name, cells in raw.columns.items())
     found = []
     for name, rows in _read_groups(path).items():
+        if not rows:
+            continue
         try:
             raw = _lay_out_sheet(rows, path)
             found += [Channel(column, cells, raw.units[column], name) for column, cells in raw.columns.items()]
@@ -281,8 +283,8 @@ def _lay_out_sheet(rows, path: Path, option: str = "--sheet") -> RawFile:
     remedy = ("name the sheet with the measurements with --sheet" if option == "--sheet" else
               f"name the sheet with the conditions behind the file, like {option} '{path}:SHEET'")
     if not holds_numbers(rows):  # it may well be the right sheet, named already and not filled in
-        raise InputError("the sheet holds no rows of numbers below its headings; write them there, or "
-                         f"{remedy} if that is another")
+        what = "no rows of numbers below its headings; write them there" if rows else "nothing; fill it in"
+        raise InputError(f"the sheet holds {what}, or {remedy} if that is another")
     return lay_out(rows, str(path), ".", remedy=remedy)
 
 

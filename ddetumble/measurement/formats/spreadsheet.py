@@ -15,11 +15,11 @@ MOST_EMPTY = 1000  # repeated cells of an OpenDocument row that are taken one by
 
 
 def read_spreadsheet(path: Path) -> dict[str, Rows]:
-    """Line number and cells of the rows of every sheet with something in it; sheets in the order of the file."""
+    """Line number and cells of the rows with something in them, by sheet, in the order of the file."""
     with zipfile.ZipFile(path) as parts:  # says how large its parts are before they are unpacked
         refuse_memory(CELLS * sum(part.file_size for part in parts.infolist()), f"reading {path}")
     sheets = _read_open_document(path) if path.suffix.lower() == ".ods" else _read_excel(path)
-    return {name: rows for name, table in sheets.items() if (rows := _trim(table))}
+    return {name: _trim(table) for name, table in sheets.items()}
 
 
 def _trim(table: Rows) -> Rows:
