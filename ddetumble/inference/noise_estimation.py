@@ -380,8 +380,9 @@ def estimate_noise(traces: Sequence[np.ndarray], interval: float, lowest: float,
         # A slow drift beside white noise of another size would say the same: the simpler account is believed.
         found = min(found, choose(quiet.sd), key=lambda noise: judge(noise) + quiet.lose(
             noise.sd, noise.correlation, noise.white_share))
-    if whole is not None and digit:
-        rounded = choose(float(np.hypot(stated_sd, digit / np.sqrt(12.0))))
+    with_digits = float(np.hypot(stated_sd, digit / np.sqrt(12.0)))
+    if whole is not None and np.log(with_digits / stated_sd) > settings.differs:
+        rounded = choose(with_digits)
         losses = [judge(noise) + whole.lose(noise.sd, noise.correlation, noise.white_share)
                   for noise in (found, rounded)]
         if losses[0] - losses[1] > settings.refuted and settings.worth > whole.lose(

@@ -13,6 +13,7 @@ import numpy as np
 
 NEAR, MOST = 0.1, 0.99  # of a digit, within which so many readings lie of its multiples: files round them once more
 FEWEST = 16  # readings, below which nothing tells whether they are rounded
+FIRST, ENOUGH = 64, 4096  # different readings after which it shows that they are not, and that fix the digit well
 
 
 def measure_digit(records: Iterable[np.ndarray]) -> float:
@@ -33,12 +34,18 @@ def find_digit(values: np.ndarray) -> float:
     away = seen - seen[len(seen) // 2]
     away = away[np.argsort(np.abs(away))][1:]
     digit, products, squares = float(np.diff(seen).min()), 0.0, 0.0
-    for one in away:  # from near to far, as the number of digits is sure only where the digit is known well enough
+    for k, one in enumerate(away[:ENOUGH]):  # near to far, as the count is sure only where the digit is known so well
         count = round(one / digit)
         products, squares = products + count * one, squares + count**2
         digit = products / squares if squares else digit
-    off = np.abs(away - digit * np.round(away / digit))
-    return digit if np.mean(off < NEAR * digit) >= MOST else 0.0
+        if k == FIRST and not _lie_on(away[:FIRST], digit):
+            return 0.0
+    return digit if _lie_on(away, digit) else 0.0
+
+
+def _lie_on(away: np.ndarray, digit: float) -> bool:
+    """Whether distances are multiples of a digit, but for the figures of a file."""
+    return bool(np.mean(np.abs(away - digit * np.round(away / digit)) < NEAR * digit) >= MOST)
 
 
 def bound_rounding(digit: float, deviation: float) -> float:
