@@ -9,7 +9,9 @@ import pytest
 from helpers_statistics import TIME, assert_rate, fit_toy, make_selection, white
 from scipy import stats
 
-from ddetumble import InputError
+from ddetumble import InputError, discover
+from ddetumble.exam import Exam
+from ddetumble.exam.cases import sample_case, write_case
 from ddetumble.inference import smooth
 from ddetumble.inference.problem import mask_records
 from ddetumble.measurement.faults import Fault
@@ -536,5 +538,20 @@ def test_when_nobody_is_the_culprit():
     settings = SelectionSettings(outliers=OutlierSettings(removed=1.0, carried=8.0))
     assert culprit_of(rumble(3, size=6.0), settings=settings)[1] == []
     assert culprit_of(rumble(3, size=6.0), settings=SelectionSettings(outliers=OutlierSettings(p_value=0.0)))[1] == []
-    assert culprit_of(rumble(3, size=6.0), settings=SelectionSettings(outliers=OutlierSettings(fewest=8)))[1] == []
-    assert len(culprit_of(rumble(3, size=6.0), settings=SelectionSettings(outliers=OutlierSettings(fewest=7)))[1]) == 1
+    assert culprit_of(rumble(3, size=6.0), settings=SelectionSettings(outliers=OutlierSettings(fewest=9)))[1] == []
+    assert len(culprit_of(rumble(3, size=6.0), settings=SelectionSettings(outliers=OutlierSettings(fewest=8)))[1]) == 1
+    # Of the fewest that can be judged it has to be far off.
+    near = SelectionSettings(outliers=OutlierSettings(fewest=8, farther=1e5))
+    assert culprit_of(rumble(3, size=6.0), settings=near)[0] is None
+
+
+@pytest.mark.slow
+def test_one_of_three_tumbling_records_is_wrong_beside_an_effect(tmp_path):
+    """Read at 0.65 of its rates: the other two and an eddy current say so together, and neither alone."""
+    exam = Exam("tumble", 143, truths=("one",), bench="drawn")
+    case = sample_case(exam, 0)
+    drawn = write_case(exam, case, tmp_path)["fault_details"]
+    found = discover(tmp_path)
+    assert (found.verdict, found.effects) == ("explained", tuple(case.effects)) == ("explained", ("eddy-current",))
+    (fault,) = [one for one in found.faults if one.left_out]
+    assert fault.records == (f"r{drawn['record'] + 1:02d}",)

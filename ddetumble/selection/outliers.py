@@ -150,7 +150,7 @@ def find_culprit(selection: SelectionProblem, fitted: Fitted, search: Search) ->
     """The record without which `search` finds a model that leaves nothing smooth, and that disagrees with all others
     under that model; None where none carries much of the misfit."""
     limits, count = selection.settings.outliers, selection.records.count
-    if count <= limits.fewest:
+    if count < limits.fewest:
         return None
     found = {r: measure_record(selection, fitted.solution, r) for r in range(count)}
     excess = sum(m.total - m.degrees for m in found.values())
