@@ -32,7 +32,8 @@ class HumSettings:
     phases: int = 10
     free_phases: int = 9
     # harmonics, fast_phases: times as often as a body turns, beyond which its motion makes no line without larger ones
-    # below, as torques follow its attitude or its square; and how many phases are enough there.
+    # below, as torques follow its attitude or its square; and how many phases are enough there, of lines as steady as
+    # below: what swings by itself, as a panel does, starts by another amount in every record.
     harmonics: float = 5.0
     fast_phases: int = 6
     # turns, free_turns: of the sine in a record at least, the second where records run freely: slower ones are drifts,
@@ -174,9 +175,11 @@ def _list_seen(campaign: Campaign, records: Records, one: Added, channels: int, 
     enough, alike = np.mean(shown, axis=0) >= settings.seen, settings.alike
     if np.mean(elsewhere) <= 1.0 - settings.seen:  # so few might show nothing of a line that moves
         enough, alike = enough & elsewhere.any() & np.all(shown[elsewhere], axis=0), settings.steady
-    places = [int(k) for k in np.flatnonzero(enough & (np.std(sizes, axis=0) <= alike * np.mean(sizes, axis=0)))]
     free = find_family(records.family).free_running
-    fewest = (settings.fast_phases if fast else settings.free_phases) if free else settings.phases
+    few = free and channels * records.count < settings.free_phases
+    alike = settings.steady if few else alike
+    places = [int(k) for k in np.flatnonzero(enough & (np.std(sizes, axis=0) <= alike * np.mean(sizes, axis=0)))]
+    fewest = (settings.fast_phases if fast and few else settings.free_phases) if free else settings.phases
     if len(places) * records.count < fewest:
         return []
     # Nothing alike (Rayleigh's test), nor alike but for the sign, in all channels together.
@@ -184,7 +187,6 @@ def _list_seen(campaign: Campaign, records: Records, one: Added, channels: int, 
     chances = [float(stats.gamma.sf(np.sum(np.abs(np.mean(np.exp(1j * k * phase), axis=0)) ** 2) * records.count,
                                     len(places))) for k in (1, 2)]
     if free:
-        few = len(places) * records.count < settings.free_phases
         return places if 2.0 * min(chances) > (settings.fast_random if few else settings.free_random) else []
     # Nor moving with the conditions: free motion has none.
     groups, conditions = group_conditions(campaign.records), campaign.records.to_numpy(dtype=float)
