@@ -83,7 +83,7 @@ def list_fits(tmp_path, family, bench, count, seed):
 
 @pytest.mark.slow
 def test_intervals_hold_the_truth_where_a_gauge_is_coarse(tmp_path):
-    """Rounding is noise of another kind than was taken: intervals of the noise hold the truth in four of five."""
+    """Intervals of the noise, which does not know all that rounding adds, hold the truth in less than nine of ten."""
     held, narrow, widened = [], [], 0
     for fit, truth in list_fits(tmp_path, "impact", "coarse", 40, 921):
         widened += bool(fit.widened)
@@ -91,7 +91,7 @@ def test_intervals_hold_the_truth_where_a_gauge_is_coarse(tmp_path):
             sd = one.sd / fit.widened.get(name, 1.0)
             held.append(one.q025 <= truth[name] <= one.q975)
             narrow.append(abs(one.estimate - truth[name]) < 1.96 * sd)
-    assert widened > 10 and np.mean(narrow) < 0.87 < 0.9 < np.mean(held) < 0.99
+    assert widened > 10 and np.mean(narrow) < 0.9 < np.mean(held) < 0.99
 
 
 @pytest.mark.slow
