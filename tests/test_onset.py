@@ -128,7 +128,7 @@ def import_raw(folder, table):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("noise", "seed"), [(0.05, 1), (0.25, 2)])
+@pytest.mark.parametrize(("noise", "seed"), [pytest.param(0.05, 1, marks=pytest.mark.study), (0.25, 2)])
 def test_nothing_is_missing_in_an_imported_null(tmp_path, noise, seed):
     campaign = import_raw(tmp_path / "raw", write_raw(tmp_path / "raw", seed, noise={"normal_force": noise}))
     found = dd.discover(campaign)

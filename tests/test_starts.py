@@ -36,7 +36,7 @@ def compare_starts(exam, index, folder):
     return fit_from(selection, fitted, effect, truth), min(fit_from(selection, fitted, effect, s) for s in starts)
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_stiff_grip_is_found_from_a_soft_one(tmp_path):
     """A tangential compliance of 5.7e-6 m/N, which a search from 2e-5 m/N and more misses."""
     truth, found = compare_starts(Exam("oblique", 1012, ("one",), bench="drawn", edition=1), 2, tmp_path)
