@@ -52,13 +52,13 @@ class NoiseSettings:
     # of steeper noise is not the same.
     left: float = 0.5
     # Logarithm of the likelihood that a further parameter of the noise has to bring (Akaike asks for 1; the spectrum is
-    # looked at in many places).
+    # looked at in many places), and up to which the scatter of readings may lie off stated noise and its rounding.
     worth: float = 4.0
     quiet: int = 30  # samples before contact from which on they may contradict the stated size
     doubt: float = 0.15  # logarithm of the ratio of their size to the stated one that does
     doubt_errors: float = 10.0  # the same in its standard errors, which is asked beside
     # Logarithm of the likelihood by which residuals must contradict a stated size before it is given up: what the fit
-    # took of slow noise makes up to 7 of it.
+    # took of slow noise makes up to 7 of it. The same where rounding is to be added to it.
     refuted: float = 12.0
     # Times the size of readings without contact, or the stated one, beyond which what a model leaves is no noise: a
     # reading's share makes 5 of it, a stiff ball that a soft model was fitted to 70.
@@ -66,7 +66,8 @@ class NoiseSettings:
     # p-value of the strongest line in the spectrum under the noise that would take the stated one's place, below which
     # it is none: a stick-slip of seven times the noise passed for noise as loud, whose spectrum its lines lie about.
     lines: float = 0.005
-    # Relative difference from the stated size from which on a model is fitted again under the measured one.
+    # Relative difference from the stated size from which on a model is fitted again under the measured one, and from
+    # which on what rounding adds is looked at.
     differs: float = 0.1
     # level_change, correlation_change, white_change: changes of the logarithm of the size, of the correlation and of
     # the share that is white, under a better model, from which on all steps are fitted again.
