@@ -267,13 +267,13 @@ def test_what_jumps_bends_or_is_coarsely_read_is_no_fault():
     assert not held.any() and not clipped.any()
 
 
-def make_pulses(zeros, step, spikes):
+def make_pulses(zeros, step, spikes, noise=0.5, end=0.4, stated=None):
     """Fifteen pulses at three speeds, read in steps of two deviations of their noise, each less a zero of its own."""
     generator, rows = np.random.default_rng(8), []
     for k in range(15):
-        time = np.arange(-0.1, 0.4, 0.01)
+        time = np.arange(-0.1, end, 0.01)
         force = 4.0 * (1 + k % 3) * np.sin(np.pi * np.clip(time / 0.25, 0.0, 1.0)) - 0.4 * (time > 0.25)
-        read = step * np.round((force + 0.5 * step * generator.standard_normal(len(time))) / step)
+        read = step * np.round((force + noise * step * generator.standard_normal(len(time))) / step)
         read[[place for key, place in spikes if key == k]] += 2.0
         rows.append(pd.DataFrame({"record": f"r{k}", "time": time, "normal_force": read - zeros * generator.normal()}))
     records = pd.DataFrame({"record": [f"r{k}" for k in range(15)],
@@ -281,7 +281,7 @@ def make_pulses(zeros, step, spikes):
     return Campaign(
         name="pulses", title="pulses", family="impact", path=None, known={}, records=records,
         conditions={"approach_speed": Column("approach_speed", "m/s")}, independent=Column("time", "s"),
-        channels={"normal_force": Column("normal_force", "N", Uncertainty(absolute=step, relative=0.05))},
+        channels={"normal_force": Column("normal_force", "N", stated or Uncertainty(absolute=step, relative=0.05))},
         samples=pd.concat(rows, ignore_index=True))
 
 
@@ -293,6 +293,22 @@ def test_a_coarse_gauge_with_a_zero_taken_off_every_record_is_not_clipped(zeros)
     force = whole.samples["normal_force"]
     cut = dc.replace(whole, samples=whole.samples.assign(normal_force=np.minimum(force, 3.0)))
     assert {fault.kind for fault in screen_samples(cut)[1]} == {"clipped"}
+
+
+@pytest.mark.parametrize("noise", [0.1, 0.25])
+def test_what_a_coarse_gauge_reads_is_a_fault_only_where_neighbours_say_so(noise):
+    """Steps of four and ten deviations of the noise: readings at rest are equal for long; a limit flattens the largest
+    peaks, whose flanks lead beyond it, and a force that is gone for a while leaps to nothing and back."""
+    whole = make_pulses(0.0, 0.1, [], noise, 3.0, Uncertainty(absolute=0.1 * noise))
+    assert not screen_samples(whole)[1]
+    force = whole.samples["normal_force"].to_numpy()
+    cut = dc.replace(whole, samples=whole.samples.assign(normal_force=np.minimum(force, 10.0)))
+    assert [(f.kind, len(f.records)) for f in screen_samples(cut)[1]] == [("clipped", 5)]
+    gone = force.copy()
+    gone[310 * 4 + 18: 310 * 4 + 26] = 0.0
+    cleaned, found = screen_samples(dc.replace(whole, samples=whole.samples.assign(normal_force=gone)))
+    assert [(f.kind, f.records) for f in found] == [("held", ("r4",))]
+    assert cleaned.samples["normal_force"].isna().sum() == 8
 
 
 def test_spikes_at_one_time_in_repeats_are_the_experiments():

@@ -1,8 +1,8 @@
 """Faults of the samples themselves, found without any model: clipped, held, spiked, copied, missing, unevenly taken,
 cut off before the contact ends.
 
-Noise decides: two neighbouring readings with noise of deviation s, written to a resolution q, are equal with a chance
-of about q/(2 sqrt(pi) s), so that a gauge at its limit, or one that stands still, gives itself away by a run of equal
+Noise decides: a reading with noise of deviation s, written to a resolution q, is that of its level with a chance of at
+most erf(q/(2 sqrt(2) s)), so that a gauge at its limit, or one that stands still, gives itself away by a run of equal
 readings. A spike is a single reading off a smooth curve on which all readings around it lie; a jump, a kink and a peak
 are none.
 """
@@ -73,8 +73,13 @@ class ScreeningSettings:
     chance: float = 1e-4
     near: float = 3.0  # standard deviations below a limit within which a reading may have been cut by it
     # Deviations of noise and rounding by which a parabola through the readings on either side of equal ones at an
-    # extreme exceeds them, from which on these are clipped, however coarse the gauge is: of rates, which are smooth.
+    # extreme exceeds them, from which on these are clipped, however coarse the gauge is: of rates and of the force of a
+    # contact, which are smooth there.
     beyond: float = 8.0
+    off: float = 6.0  # standard deviations beyond which a reading is no noise about zero
+    # Times the largest change from one reading to the next elsewhere in the record, from which on leaps to equal
+    # readings and back say that the signal was gone: what a contact does within a sample, it does twice.
+    leap: float = 1.5
     # Standard deviations off its neighbours from which a reading is a spike: of a million Gaussian readings none is.
     spike: float = 7.0
     smooth: float = 1.8  # standard deviations of the other samples from a cubic, up to which they lie on it
@@ -175,12 +180,16 @@ def screen_samples(campaign: Campaign, settings: ScreeningSettings = SCREENING) 
         if not sd > 0:
             continue
         chance, tolerance, resolution = _measure_equality([values[part] for part in rows.values()], sd)
-        error = float(np.hypot(sd, resolution / np.sqrt(12.0))) if channel in kind.rates else np.inf
+        error = float(np.hypot(sd, resolution / np.sqrt(12.0)))
         largest, limits = float(np.nanmax(np.abs(values), initial=0.0)), {}
         clipped, held, spiked = np.zeros((3, len(values)), dtype=bool)
         for key, part in rows.items():
             x = values[part]
-            cut, still, limits[key] = find_runs(x, sd, chance, len(values), tolerance, settings, error)
+            # A contact may hold its force at a level of its own; the gauge's level is the largest of all.
+            smooth = channel in kind.rates or (kind.has_contact and channel == kind.main and bool(
+                np.nanmax(np.abs(x), initial=0.0) >= largest - tolerance))
+            cut, still, limits[key] = find_runs(x, sd, chance, len(values), tolerance, settings,
+                                                error if smooth else np.inf)
             x = x[np.isfinite(x)]
             if still.any() and still.sum() == len(x) and abs(abs(x[0]) - largest) <= 1e-9 * largest:
                 # What stands still throughout at the largest reading of all is clipped, not held.
@@ -188,7 +197,7 @@ def screen_samples(campaign: Campaign, settings: ScreeningSettings = SCREENING) 
             clipped[part], held[part] = cut, still
         values[clipped | held] = np.nan
         parts = {key: values[part] for key, part in rows.items()}
-        level = max(sd, _measure_roughness(time, parts))
+        level = max(error, _measure_roughness(time, parts))
         spikes = {key: find_spikes(time[key], x, max(level, _measure_roughness(time, {key: x})), settings)
                   for key, x in parts.items()}  # the roughness of its own is of a record in another unit
         for key, mask in leave_common_spikes(time, spikes, groups, settings).items():
@@ -240,6 +249,9 @@ def find_runs(x: np.ndarray, sd: float, chance: float, count: int, tolerance: fl
         value = float(y[run[0]])
         if len(run) < 3:
             continue
+        if _breaks_off(y, run, sd, settings):
+            held[there[run]] = True
+            continue
         side = next((side for side in (1.0, -1.0) if side * value >= np.max(side * y) - tolerance), 0.0)
         if count * chance ** (len(run) - 1) > settings.chance and not _would_pass(y, run, side, error, settings):
             continue
@@ -248,9 +260,21 @@ def find_runs(x: np.ndarray, sd: float, chance: float, count: int, tolerance: fl
             near = at | (side * middle > side * value - settings.near * sd)
             clipped[there[np.flatnonzero(ndimage.binary_propagation(at, mask=near))]] = True
             limits += [value] * (value not in limits)
-        elif value != 0.0 or np.abs(y[np.clip([run[0] - 1, run[-1] + 1], 0, len(y) - 1)]).max() >= 6.0 * sd:
+        elif value != 0.0 or np.abs(y[np.clip([run[0] - 1, run[-1] + 1], 0, len(y) - 1)]).max() >= settings.off * sd:
             held[there[run]] = True  # a file may hold zeros where nothing acts
     return clipped, held & ~clipped, limits
+
+
+def _breaks_off(y: np.ndarray, run: np.ndarray, sd: float, settings: ScreeningSettings) -> bool:
+    """Whether readings leap to equal ones and back by more than they change from one to the next anywhere else: the
+    signal was gone, however coarse the gauge is."""
+    if run[0] == 0 or run[-1] == len(y) - 1:
+        return False
+    steps = np.abs(np.diff(y))
+    ends = [run[0] - 1, run[-1]]
+    back = y[run[0] - 1] - y[run[0]], y[run[-1] + 1] - y[run[-1]]
+    most = np.max(np.delete(steps, ends), initial=0.0)
+    return bool(back[0] * back[1] > 0 and steps[ends].min() > max(settings.leap * most, settings.off * sd))
 
 
 def _would_pass(y: np.ndarray, run: np.ndarray, side: float, error: float, settings: ScreeningSettings) -> bool:
@@ -332,9 +356,10 @@ def find_truncated(campaign: Campaign, settings: ScreeningSettings = SCREENING) 
 def _measure_equality(records: list[np.ndarray], sd: float) -> tuple[float, float, float]:
     """Chance that two neighbours are equal, the difference that counts as none, and the resolution.
 
-    The resolution is the finest step of a record's readings, or less where readings so coarse would have met more
-    often: of n readings spread over R in steps of q about n^2 q / (2 R) pairs are equal; what turns in step with the
-    sampling has no close readings either.
+    The chance is that of a level in the middle of a step, the largest. The resolution is the finest step of a record's
+    readings, or less where readings so coarse would have met more often: n readings spread over R in steps of q take
+    L (1 - exp(-n/L)) values of the L = R/q that there are; what turns in step with the sampling has no close readings
+    either.
     """
     tolerance = 1e-9 * float(np.nanmax(np.abs(np.concatenate(records)), initial=0.0))
     shares, finest = [], []
@@ -347,14 +372,17 @@ def _measure_equality(records: list[np.ndarray], sd: float) -> tuple[float, floa
         inner = (x < x.max() - tolerance) & (x > x.min() + tolerance) & (x != 0.0)
         between = np.sort(x[inner])
         if len(between) >= 5:
-            met = float(np.sum(np.diff(between) <= tolerance))
-            finest[-1] = min(finest[-1], 2.0 * float(np.ptp(between)) * (met + 3.0) / len(between) ** 2)
+            apart = max(float(np.sum(np.diff(between) > tolerance)) - 2.0, 1.0)  # three fewer may be by chance
+            full = len(between) / apart
+            share = full + float(special.lambertw(-full * np.exp(-full)).real)  # n/L
+            finest[-1] = min(finest[-1], float(np.ptp(between)) * share / len(between))
         if inner[1:].sum() > 4:
             shares.append(float(np.mean(np.abs(np.diff(x))[inner[1:]] <= tolerance)))
     usual = float(np.quantile(shares, 0.25)) if shares else 0.0
     finest = [q for q in finest if np.isfinite(q)]
     resolution = float(np.quantile(finest, 0.25)) if finest else 0.0
-    return min(max(resolution / (2.0 * np.sqrt(np.pi) * sd), usual, 1e-9), 0.99), tolerance, resolution
+    chance = float(special.erf(resolution / (2.0 * np.sqrt(2.0) * sd)))
+    return min(max(chance, usual, 1e-9), 0.99), tolerance, resolution
 
 
 def _measure_roughness(time: dict[str, np.ndarray], parts: dict[str, np.ndarray]) -> float:
