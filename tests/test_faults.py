@@ -295,11 +295,13 @@ def test_a_coarse_gauge_with_a_zero_taken_off_every_record_is_not_clipped(zeros)
     assert {fault.kind for fault in screen_samples(cut)[1]} == {"clipped"}
 
 
+@pytest.mark.parametrize("stated", [1.0, 2.0])
 @pytest.mark.parametrize("noise", [0.1, 0.25])
-def test_what_a_coarse_gauge_reads_is_a_fault_only_where_neighbours_say_so(noise):
-    """Steps of four and ten deviations of the noise: readings at rest are equal for long; a limit flattens the largest
-    peaks, whose flanks lead beyond it, and a force that is gone for a while leaps to nothing and back."""
-    whole = make_pulses(0.0, 0.1, [], noise, 3.0, Uncertainty(absolute=0.1 * noise))
+def test_what_a_coarse_gauge_reads_is_a_fault_only_where_neighbours_say_so(noise, stated):
+    """Steps of four and ten deviations of the noise, which may be less than stated: readings at rest are equal for
+    long; a limit flattens the largest peaks, whose flanks lead beyond it, and a force that is gone for a while leaps
+    to nothing and back."""
+    whole = make_pulses(0.0, 0.1, [], noise, 3.0, Uncertainty(absolute=0.1 * noise * stated))
     assert not screen_samples(whole)[1]
     force = whole.samples["normal_force"].to_numpy()
     cut = dc.replace(whole, samples=whole.samples.assign(normal_force=np.minimum(force, 10.0)))

@@ -377,7 +377,10 @@ def _measure_equality(records: list[np.ndarray], sd: float) -> tuple[float, floa
             share = full + float(special.lambertw(-full * np.exp(-full)).real)  # n/L
             finest[-1] = min(finest[-1], float(np.ptp(between)) * share / len(between))
         if inner[1:].sum() > 4:
-            shares.append(float(np.mean(np.abs(np.diff(x))[inner[1:]] <= tolerance)))
+            moved = np.abs(np.diff(x))[inner[1:]]
+            if finest and np.median(moved) <= finest[-1] + tolerance:  # coarse indeed: at rest, whatever is stated
+                moved = moved[moved <= finest[-1] + tolerance]
+            shares.append(float(np.mean(moved <= tolerance)))
     usual = float(np.quantile(shares, 0.25)) if shares else 0.0
     finest = [q for q in finest if np.isfinite(q)]
     resolution = float(np.quantile(finest, 0.25)) if finest else 0.0
