@@ -304,6 +304,9 @@ def test_what_a_coarse_gauge_reads_is_a_fault_only_where_neighbours_say_so(noise
     whole = make_pulses(0.0, 0.1, [], noise, 3.0, Uncertainty(absolute=0.1 * noise * stated))
     assert not screen_samples(whole)[1]
     force = whole.samples["normal_force"].to_numpy()
+    silent = make_pulses(0.0, 0.1, [], 0.0, 3.0).samples["normal_force"]
+    quiet = np.where(whole.samples["record"] == "r2", silent, force)
+    assert not screen_samples(dc.replace(whole, samples=whole.samples.assign(normal_force=quiet)))[1]
     cut = dc.replace(whole, samples=whole.samples.assign(normal_force=np.minimum(force, 10.0)))
     assert [(f.kind, len(f.records)) for f in screen_samples(cut)[1]] == [("clipped", 5)]
     gone = force.copy()

@@ -76,6 +76,9 @@ class ScreeningSettings:
     # extreme exceeds them, from which on these are clipped, however coarse the gauge is: of rates and of the force of a
     # contact, which are smooth there.
     beyond: float = 8.0
+    # Steps of a gauge that is coarser than its noise, up to which a level is one of rest: a record may be quieter than
+    # the others, and stay there for long.
+    rest: float = 5.0
     off: float = 6.0  # standard deviations beyond which a reading is no noise about zero
     # Times the largest change from one reading to the next elsewhere in the record, from which on leaps to equal
     # readings and back say that the signal was gone: what a contact does within a sample, it does twice.
@@ -181,6 +184,7 @@ def screen_samples(campaign: Campaign, settings: ScreeningSettings = SCREENING) 
             continue
         chance, tolerance, resolution = _measure_equality([values[part] for part in rows.values()], sd)
         error = float(np.hypot(sd, resolution / np.sqrt(12.0)))
+        rest = settings.rest * resolution if resolution > sd else 0.0
         largest, limits = float(np.nanmax(np.abs(values), initial=0.0)), {}
         clipped, held, spiked = np.zeros((3, len(values)), dtype=bool)
         for key, part in rows.items():
@@ -189,7 +193,7 @@ def screen_samples(campaign: Campaign, settings: ScreeningSettings = SCREENING) 
             smooth = channel in kind.rates or (kind.has_contact and channel == kind.main and bool(
                 np.nanmax(np.abs(x), initial=0.0) >= largest - tolerance))
             cut, still, limits[key] = find_runs(x, sd, chance, len(values), tolerance, settings,
-                                                error if smooth else np.inf)
+                                                error if smooth else np.inf, rest)
             x = x[np.isfinite(x)]
             if still.any() and still.sum() == len(x) and abs(abs(x[0]) - largest) <= 1e-9 * largest:
                 # What stands still throughout at the largest reading of all is clipped, not held.
@@ -227,13 +231,14 @@ def screen_samples(campaign: Campaign, settings: ScreeningSettings = SCREENING) 
 
 
 def find_runs(x: np.ndarray, sd: float, chance: float, count: int, tolerance: float,
-              settings: ScreeningSettings = SCREENING, error: float = np.inf
+              settings: ScreeningSettings = SCREENING, error: float = np.inf, rest: float = 0.0
               ) -> tuple[np.ndarray, np.ndarray, list[float]]:
     """Which readings of a record, shape (samples,), are at a limit (or around one), which stand still, and the limits.
 
     `sd` is that of the noise, `chance` that of two neighbours being equal, `count` how many readings of all records
-    give chance an opportunity, `tolerance` what a difference has to exceed, and `error` that of a reading of what is
-    smooth, so that readings on either side of equal ones at an extreme tell where these should lie.
+    give chance an opportunity, `tolerance` what a difference has to exceed, `error` that of a reading of what is
+    smooth, so that readings on either side of equal ones at an extreme tell where these should lie, and `rest` below
+    what a coarse gauge reads where nothing acts, for as long as that is.
     """
     clipped, held, limits = np.zeros(len(x), dtype=bool), np.zeros(len(x), dtype=bool), []
     there = np.flatnonzero(np.isfinite(x))
@@ -251,6 +256,8 @@ def find_runs(x: np.ndarray, sd: float, chance: float, count: int, tolerance: fl
             continue
         if _breaks_off(y, run, sd, settings):
             held[there[run]] = True
+            continue
+        if abs(value) < rest:
             continue
         side = next((side for side in (1.0, -1.0) if side * value >= np.max(side * y) - tolerance), 0.0)
         if count * chance ** (len(run) - 1) > settings.chance and not _would_pass(y, run, side, error, settings):
