@@ -13,6 +13,7 @@ import ddetumble as dd
 from ddetumble._errors import InputError
 from ddetumble.cli import main
 from ddetumble.cli.options import read_source
+from ddetumble.exam.cases import Exam, sample_case, write_case
 from ddetumble.exam.simulators.campaigns import write_package
 from ddetumble.exam.simulators.impact_campaigns import make_campaign
 from ddetumble.inference.bounded import truncate_normal
@@ -21,7 +22,9 @@ from ddetumble.inference.goodness import judge_goodness
 from ddetumble.inference.problem import Problem
 from ddetumble.inference.specification import read_specification
 from ddetumble.inference.stack import hold_conditions, stack_records
+from ddetumble.measurement.faults import screen_samples
 from ddetumble.measurement.package import read_campaign
+from ddetumble.measurement.units import Uncertainty
 from ddetumble.selection.problem import pose_selection
 
 
@@ -470,3 +473,21 @@ def test_an_effect_that_makes_a_fit_worse_is_told():
     stated = [dd.fit("slip-a", effects=[name], noise="stated").notes for name in ("presliding", "load-exponent")]
     assert [sum("presliding" in note for note in notes) for notes in stated] == [1, 0]
     assert len(stated[0]) == len(stated[1]) + 1
+
+
+@pytest.mark.slow
+def test_what_is_read_before_a_clock_says_touch_is_no_noise(tmp_path):
+    """A dashpot and clocks that jitter by two samples, from the second simulator: what a record reads of the contact
+    before its clock says so passed for noise of six times its size."""
+    exam = Exam("impact", 905, ("one",), bench="drawn", edition=3)
+    write_case(exam, sample_case(exam, 5), tmp_path)
+    campaign, _ = screen_samples(read_campaign(tmp_path))
+    found = fit(campaign, effects=["viscous-dashpot"])
+    assert found.noise["normal_force"].sd == pytest.approx(0.25, rel=0.05)
+    assert campaign.independent is not None
+    loose = dc.replace(campaign.independent, uncertainty=Uncertainty(absolute=4e-4))  # as far as they do jitter
+    found = fit(dc.replace(campaign, independent=loose), effects=["viscous-dashpot"])
+    noise = found.noise["normal_force"]
+    assert noise.sd == pytest.approx(0.25, rel=0.05) and noise.correlation == pytest.approx(0.55, abs=0.05)
+    assert found.parameters["viscous-dashpot.c_v"].estimate == pytest.approx(23.36, rel=0.02)
+    assert 0.9 < found.chi2 / found.degrees < 1.1

@@ -346,6 +346,10 @@ def test_samples_before_first_touch(campaigns):
         late = dc.replace(selection.records.stack, time=np.tile(TIME - TIME[number] + 1e-6, (8, 1)))
         few = noise_estimation._measure_quiet(dc.replace(selection.records, stack=late), 0)
         assert (few is not None) == told and (few is None or (few.count, few.length) == (8 * (number - 1), number))
+    # Where a fit took first touch to be earlier than a clock says, what follows it is contact.
+    touch = np.where(np.arange(8) < 4, TIME[5] + 1e-4 + 1e-6, 1.0)
+    early = noise_estimation._measure_quiet(selection.records, 0, touch)
+    assert early is not None and early.count == 4 * 5 + 4 * (count - 1)
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.6])

@@ -21,7 +21,7 @@ from . import distributions as stats
 from .hum import HumSettings, find_hum, tune_hum
 from .noise import Noise
 from .noise_size import Run, Sizes, SizeSettings, look_random, measure_sizes
-from .problem import Solution
+from .problem import Solution, shift_clocks
 from .stack import Records, default_noise
 
 
@@ -181,7 +181,7 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution, sett
         alike = [run for run, s in zip(kept, steps, strict=True) if abs(s / interval - 1) < 2e-3]
         found[channel] = finish(estimate_noise(
             [run.residual for run in alike], interval, lowest, expected,
-            None if sizes is not None else _measure_quiet(records, c),
+            None if sizes is not None else _measure_quiet(records, c, shift_clocks(records, solution)),
             measure_deviation([x if sizes is None else x / sizes.relative[r][used] for r, used, x in whole])
             if look_random(parts, settings.size) else None, own, [run.taken for run in alike],
             measure_digit(values[r, c, :n][weights[r, c, :n] > 0] for r, n in enumerate(records.lengths))
@@ -275,12 +275,13 @@ def measure_deviation(stretches: list[np.ndarray]) -> Deviation | None:
     return Deviation(float(np.sqrt(squares / count)), count, int(np.median([len(x) for x in long])))
 
 
-def _measure_quiet(records: Records, channel: int) -> Deviation | None:
-    """Scatter of the samples before first touch."""
+def _measure_quiet(records: Records, channel: int, touch: np.ndarray | None = None) -> Deviation | None:
+    """Scatter of the samples before first touch, which `touch` says when that is by the clock, shape (records,), s."""
     if not find_family(records.family).has_contact:
         return None
     values, time = np.asarray(records.stack.values), np.asarray(records.stack.time)
-    return measure_deviation([values[r, channel, :n][time[r, :n] < -1e-4] for r, n in enumerate(records.lengths)
+    until = np.minimum(np.zeros(records.count) if touch is None else touch, 0.0) - 1e-4
+    return measure_deviation([values[r, channel, :n][time[r, :n] < until[r]] for r, n in enumerate(records.lengths)
                      if records.complete[r, channel]])
 
 

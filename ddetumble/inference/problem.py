@@ -464,6 +464,15 @@ class Problem(AbstractProblem):
             int(steps), failed)
 
 
+def shift_clocks(records: Records, solution: Solution) -> np.ndarray:
+    """By how much a fit took first touch to be later than each record's clock says, shape (records,), s."""
+    shift = np.full(records.count, solution.common_shift())
+    if "time" in records.nuisances:
+        k = records.nuisances.index("time")
+        shift += solution.z[:, k] * np.asarray(records.stack.condition_sd)[: records.count, k]
+    return shift
+
+
 def replace_arrays(problem: Problem, **arrays) -> Problem:
     """The same problem with other arrays in its stack: programs are shared."""
     new = {name: x if name == "conditions" else jnp.asarray(x) for name, x in arrays.items()}

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ..inference.noise import Noise
-from ..inference.problem import Solution
+from ..inference.problem import Solution, shift_clocks
 from ..inference.stack import Records
 from ..measurement.campaign import Campaign
 from .result import Trace
@@ -41,8 +41,7 @@ def make_traces(campaign: Campaign, records: Records, solution: Solution, noise:
     """
     stack = records.stack
     time, values, weights = (np.asarray(x) for x in (stack.time, stack.values, stack.weights))
-    origin = records.nuisances.index("time")
-    moved = solution.z[:, origin] * np.asarray(stack.condition_sd)[: records.count, origin] + solution.common_shift()
+    moved = shift_clocks(records, solution)
     independent = "time" if campaign.independent is None else campaign.independent.name
     traces = []
     for r, key in enumerate(records.keys):
