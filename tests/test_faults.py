@@ -316,6 +316,19 @@ def test_what_a_coarse_gauge_reads_is_a_fault_only_where_neighbours_say_so(noise
     assert cleaned.samples["normal_force"].isna().sum() == 8
 
 
+@pytest.mark.parametrize(("case", "clipped"), [(42, ("r02", "r03", "r10", "r11")), (32, ("r04", "r05", "r06", "r08")),
+                                               (0, ()), (4, ())])
+def test_a_level_that_strokes_share_is_the_limit_of_a_coarse_gauge(tmp_path, case, clipped):
+    """Steps of three deviations of the noise, from the second simulator: friction levels off by itself, and reads the
+    same for long in one record or another, but not the largest of all in several of them."""
+    exam = Exam("slip", 117, ("nothing",), bench="coarse", edition=1)
+    kept = write_case(exam, sample_case(exam, case), tmp_path)
+    found = screen_samples(read_campaign(tmp_path))[1]
+    told = [f.records for f in found if f.kind in ("clipped", "held")]
+    assert told == [clipped] * bool(clipped)
+    assert not clipped or kept["fault_details"]["records"] == len(clipped)
+
+
 def test_spikes_at_one_time_in_repeats_are_the_experiments():
     """Five repeats with a reading that sticks out at one time, and two accidents elsewhere: these two are faults."""
     own, accidents = [(k, 22 + (k == 4)) for k in range(1, 15, 3)], [(3, 30), (8, 14)]

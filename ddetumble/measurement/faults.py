@@ -8,8 +8,9 @@ are none.
 """
 
 import dataclasses as dc
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Mapping, Sequence
 from itertools import combinations
+from types import MappingProxyType
 
 import numpy as np
 from scipy import ndimage, special
@@ -186,14 +187,15 @@ def screen_samples(campaign: Campaign, settings: ScreeningSettings = SCREENING) 
         error = float(np.hypot(sd, resolution / np.sqrt(12.0)))
         rest = settings.rest * resolution if resolution > sd else 0.0
         largest, limits = float(np.nanmax(np.abs(values), initial=0.0)), {}
+        shared = _count_stays([values[part] for part in rows.values()], tolerance) if resolution > sd else {}
         clipped, held, spiked = np.zeros((3, len(values)), dtype=bool)
         for key, part in rows.items():
             x = values[part]
             # A contact may hold its force at a level of its own; the gauge's level is the largest of all.
-            smooth = channel in kind.rates or (kind.has_contact and channel == kind.main and bool(
-                np.nanmax(np.abs(x), initial=0.0) >= largest - tolerance))
-            cut, still, limits[key] = find_runs(x, sd, chance, len(values), tolerance, settings,
-                                                error if smooth else np.inf, rest)
+            turns = channel in kind.rates or (kind.has_contact and channel == kind.main)
+            smooth = turns and bool(channel in kind.rates or np.nanmax(np.abs(x), initial=0.0) >= largest - tolerance)
+            cut, still, limits[key] = find_runs(x, sd, chance, len(values), tolerance, settings, error if smooth else
+                                                np.inf, rest, {} if turns else shared)
             x = x[np.isfinite(x)]
             if still.any() and still.sum() == len(x) and abs(abs(x[0]) - largest) <= 1e-9 * largest:
                 # What stands still throughout at the largest reading of all is clipped, not held.
@@ -231,14 +233,15 @@ def screen_samples(campaign: Campaign, settings: ScreeningSettings = SCREENING) 
 
 
 def find_runs(x: np.ndarray, sd: float, chance: float, count: int, tolerance: float,
-              settings: ScreeningSettings = SCREENING, error: float = np.inf, rest: float = 0.0
-              ) -> tuple[np.ndarray, np.ndarray, list[float]]:
+              settings: ScreeningSettings = SCREENING, error: float = np.inf, rest: float = 0.0,
+              shared: Mapping[float, int] = MappingProxyType({})) -> tuple[np.ndarray, np.ndarray, list[float]]:
     """Which readings of a record, shape (samples,), are at a limit (or around one), which stand still, and the limits.
 
     `sd` is that of the noise, `chance` that of two neighbours being equal, `count` how many readings of all records
     give chance an opportunity, `tolerance` what a difference has to exceed, `error` that of a reading of what is
-    smooth, so that readings on either side of equal ones at an extreme tell where these should lie, and `rest` below
-    what a coarse gauge reads where nothing acts, for as long as that is.
+    smooth, so that readings on either side of equal ones at an extreme tell where these should lie, `rest` below what a
+    coarse gauge reads where nothing acts, for as long as that is, and `shared` how many readings of all records repeat
+    the one before at a level that is the extreme of several.
     """
     clipped, held, limits = np.zeros(len(x), dtype=bool), np.zeros(len(x), dtype=bool), []
     there = np.flatnonzero(np.isfinite(x))
@@ -260,7 +263,9 @@ def find_runs(x: np.ndarray, sd: float, chance: float, count: int, tolerance: fl
         if abs(value) < rest:
             continue
         side = next((side for side in (1.0, -1.0) if side * value >= np.max(side * y) - tolerance), 0.0)
-        if count * chance ** (len(run) - 1) > settings.chance and not _would_pass(y, run, side, error, settings):
+        equal = next((number for level, number in shared.items() if side and abs(level - value) <= tolerance), 0)
+        if (count * chance ** max(len(run) - 1, equal) > settings.chance
+                and not _would_pass(y, run, side, error, settings)):
             continue
         if side:
             at = np.abs(y - value) <= tolerance
@@ -270,6 +275,23 @@ def find_runs(x: np.ndarray, sd: float, chance: float, count: int, tolerance: fl
         elif value != 0.0 or np.abs(y[np.clip([run[0] - 1, run[-1] + 1], 0, len(y) - 1)]).max() >= settings.off * sd:
             held[there[run]] = True  # a file may hold zeros where nothing acts
     return clipped, held & ~clipped, limits
+
+
+def _count_stays(records: Sequence[np.ndarray], tolerance: float) -> dict[float, int]:
+    """How many readings repeat the one before at the largest of all records, and at the smallest, in the longest run
+    of each; none where a single record stays there."""
+    found = {}
+    for side in (1.0, -1.0):
+        level = side * max((float(np.nanmax(side * x)) for x in records if np.isfinite(x).any()), default=0.0)
+        stays = []
+        for x in records:
+            at = np.abs(x[np.isfinite(x)] - level) <= tolerance
+            ends = np.flatnonzero(np.diff(np.r_[False, at, False]))
+            stays.append(max((int(last - first) for first, last in zip(ends[::2], ends[1::2], strict=True)), default=0))
+        long = [length - 1 for length in stays if length > 2]
+        if len(long) > 1:
+            found[level] = sum(long)
+    return found
 
 
 def _breaks_off(y: np.ndarray, run: np.ndarray, sd: float, settings: ScreeningSettings) -> bool:
