@@ -329,6 +329,16 @@ def test_a_level_that_strokes_share_is_the_limit_of_a_coarse_gauge(tmp_path, cas
     assert not clipped or kept["fault_details"]["records"] == len(clipped)
 
 
+def test_a_coarse_gyroscope_at_its_limit_throughout_is_seen(tmp_path):
+    """From the second simulator: what spins about z faster than the gyroscope reads stands at its limit throughout, and
+    what precesses meets it twice a turn; what keeps its spin within the range reads the same for long, too."""
+    exam = Exam("tumble", 904, ("nothing",), bench="drawn", edition=1)
+    write_case(exam, sample_case(exam, 19), tmp_path)
+    found = screen_samples(read_campaign(tmp_path))[1]
+    assert {f.channel[-1]: f.records for f in found if f.kind in ("clipped", "held")} == {
+        "x": ("r01", "r02"), "y": ("r01", "r02"), "z": ("r02", "r04", "r06")}
+
+
 def test_spikes_at_one_time_in_repeats_are_the_experiments():
     """Five repeats with a reading that sticks out at one time, and two accidents elsewhere: these two are faults."""
     own, accidents = [(k, 22 + (k == 4)) for k in range(1, 15, 3)], [(3, 30), (8, 14)]

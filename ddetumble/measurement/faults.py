@@ -397,7 +397,8 @@ def _measure_equality(records: list[np.ndarray], sd: float) -> tuple[float, floa
         if len(x) < 5:
             continue
         steps = np.diff(np.unique(x))
-        finest.append(float(np.min(steps[steps > tolerance], initial=np.inf)))
+        step = float(np.min(steps[steps > tolerance], initial=np.inf))
+        finest.append(step)
         inner = (x < x.max() - tolerance) & (x > x.min() + tolerance) & (x != 0.0)
         between = np.sort(x[inner])
         if len(between) >= 5:
@@ -407,8 +408,8 @@ def _measure_equality(records: list[np.ndarray], sd: float) -> tuple[float, floa
             finest[-1] = min(finest[-1], float(np.ptp(between)) * share / len(between))
         if inner[1:].sum() > 4:
             moved = np.abs(np.diff(x))[inner[1:]]
-            if finest and np.median(moved) <= finest[-1] + tolerance:  # coarse indeed: at rest, whatever is stated
-                moved = moved[moved <= finest[-1] + tolerance]
+            if np.median(moved) <= step + tolerance:  # coarse indeed: at rest, whatever is stated
+                moved = moved[moved <= step + tolerance]
             shares.append(float(np.mean(moved <= tolerance)))
     usual = float(np.quantile(shares, 0.25)) if shares else 0.0
     finest = [q for q in finest if np.isfinite(q)]
