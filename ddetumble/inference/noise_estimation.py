@@ -276,7 +276,8 @@ def measure_deviation(stretches: list[np.ndarray]) -> Deviation | None:
 
 
 def _measure_quiet(records: Records, channel: int, touch: np.ndarray | None = None) -> Deviation | None:
-    """Scatter of the samples before first touch, which `touch` says when that is by the clock, shape (records,), s."""
+    """Scatter of the samples before first touch, whose instant by each record's clock is `touch`, shape (records,), s
+    (where not given, or later: 0)."""
     if not find_family(records.family).has_contact:
         return None
     values, time = np.asarray(records.stack.values), np.asarray(records.stack.time)

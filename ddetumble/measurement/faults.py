@@ -188,14 +188,14 @@ def screen_samples(campaign: Campaign, settings: ScreeningSettings = SCREENING) 
         rest = settings.rest * resolution if resolution > sd else 0.0
         largest, limits = float(np.nanmax(np.abs(values), initial=0.0)), {}
         shared = _count_stays([values[part] for part in rows.values()], tolerance) if resolution > sd else {}
+        turns = channel in kind.rates or (kind.has_contact and channel == kind.main)  # smoothly, at its extremes
         clipped, held, spiked = np.zeros((3, len(values)), dtype=bool)
         for key, part in rows.items():
             x = values[part]
             # A contact may hold its force at a level of its own; the gauge's level is the largest of all.
-            turns = channel in kind.rates or (kind.has_contact and channel == kind.main)
-            smooth = turns and bool(channel in kind.rates or np.nanmax(np.abs(x), initial=0.0) >= largest - tolerance)
-            cut, still, limits[key] = find_runs(x, sd, chance, len(values), tolerance, settings, error if smooth else
-                                                np.inf, rest, {} if turns else shared)
+            usable = turns and (channel in kind.rates or np.nanmax(np.abs(x), initial=0.0) >= largest - tolerance)
+            cut, still, limits[key] = find_runs(x, sd, chance, len(values), tolerance, settings,
+                                                error if usable else np.inf, rest, {} if turns else shared)
             x = x[np.isfinite(x)]
             if still.any() and still.sum() == len(x) and abs(abs(x[0]) - largest) <= 1e-9 * largest:
                 # What stands still throughout at the largest reading of all is clipped, not held.
