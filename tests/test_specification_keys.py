@@ -15,7 +15,7 @@ from ddetumble.cli import app
 from ddetumble.dynamics.bodies import Box, Cylinder, Sphere
 from ddetumble.dynamics.surfaces import make_debris
 from ddetumble.inference.specification import Specification
-from ddetumble.planning.scenario_file import FACES, Scenario
+from ddetumble.planning.scenario_file import FACES, Scenario, validate_scenario
 
 
 SCENARIO = 'schema = "ddetumble.plan/1"\n[debris]\nangular_velocity = [0.1, 0.2, 0.0]\n'
@@ -124,3 +124,22 @@ def test_a_mistake_in_a_scenario_is_told_before_jax_is_imported(tmp_path, text, 
 def test_faces_are_those_of_the_surfaces():
     bodies = {"cylinder": Cylinder(1.0, 1.0, 2.0), "box": Box(1.0, np.ones(3)), "sphere": Sphere(1.0, 1.0)}
     assert {name: make_debris(body).surface.face_names() for name, body in bodies.items()} == FACES
+
+
+@pytest.mark.parametrize(("update", "key"), [
+    ({"fit": "nowhere"}, "uncertainty.fit"), ({"draws": "many"}, "uncertainty.draws"),
+    ({"tail": 2.0}, "uncertainty.tail")])  # fmt: skip
+def test_a_scenario_in_hand_is_checked_as_its_file_is(update, key):
+    """pydantic's `model_copy` takes whatever it is given; a folder as text is one folder, as in the file."""
+    whole = dd.planning.read_scenario(dd.find_data() / "scenarios" / "uncertain-ball.toml")
+    assert whole.uncertainty is not None
+    other = whole.model_copy(update={"uncertainty": whole.uncertainty.model_copy(update=update)})
+    with pytest.raises(dd.InputError) as caught:
+        dd.plan(other)
+    assert caught.value.key == key and ("nowhere" in str(caught.value)) == (key == "uncertainty.fit")
+
+
+def test_scenarios_in_hand_are_those_of_their_files():
+    for path in sorted((dd.find_data() / "scenarios").glob("*.toml")):
+        scenario = dd.planning.read_scenario(path)
+        assert validate_scenario(scenario) == scenario

@@ -127,14 +127,21 @@ def read_settings(path: Path, kind: type[Content], arrange: Callable[[dict], dic
     read into its form. `sections` are tables whose keys are names that a user chooses, with what has to stand there. A
     file that says something that is not understood is refused for all its faults, each with its key.
     """
-    content, sections = read_toml(path), sections or {}
+    content = read_toml(path)
     (schema,) = get_args(kind.model_fields["schema_"].annotation)
     if "schema" not in content:
         raise InputError(f'is missing; begin the file with schema = "{schema}"', file=path, key="schema")
     if content["schema"] != schema:
         raise InputError(f"the schema must be {schema!r}; it is {content['schema']!r}", file=path, key="schema")
+    return check_settings(kind, arrange(content), path, sections)
+
+
+def check_settings(kind: type[Content], content: dict, path: Path | None = None,
+                   sections: Mapping[str, str] | None = None) -> Content:
+    """Settings of a `kind` from what a file of them would hold; refused for all faults, each with its key."""
+    sections = sections or {}
     try:
-        return kind.model_validate(arrange(content))
+        return kind.model_validate(content)
     except pydantic.ValidationError as error:
         faults: dict[str, str] = {}
         for fault in sorted(error.errors(), key=lambda one: one["type"] != "extra_forbidden"):  # why others are missing

@@ -35,7 +35,7 @@ from .problem import StrikeProblem, measure_goal, score
 from .robust import plan_robust_strike
 from .rules import Blow, compare_rules
 from .scenario import pose_laws, pose_problem
-from .scenario_file import ErrorTable, Scenario, find_scenario, read_scenario
+from .scenario_file import ErrorTable, Scenario, find_scenario, read_scenario, validate_scenario
 from .sequence import Sequence, plan_together
 from .single import LEAST_GAIN, ROUGH, STARTS, StrikePlan
 from .uncertainty import Assessment, Prospect, assess_plan, assess_sequence
@@ -285,7 +285,7 @@ def plan(problem: StrikeProblem | Scenario | str | Path, model: Source | None = 
         if model is not None or settings is not None:
             raise InputError("a scenario states its contact and its settings itself; leave out model and settings")
         if isinstance(problem, Scenario):
-            return plan_scenario(problem, Path(), progress=progress)
+            return plan_scenario(validate_scenario(problem), Path(), progress=progress)
         if not isinstance(problem, (str, Path)):
             raise InputError("plan takes a StrikeProblem, or a scenario, its file or name, not a "
                              f"{type(problem).__name__}")

@@ -15,7 +15,7 @@ from pydantic import BeforeValidator, Field, StrictBool, StrictFloat, StrictInt,
 from .._errors import InputError, error_place
 from .._settings import find_data
 from .._user_files import split_name
-from ..inference.files import Strict, read_settings
+from ..inference.files import Strict, check_settings, read_settings
 from ..measurement.units import convert_text
 
 
@@ -378,6 +378,11 @@ def read_scenario(path) -> Scenario:
         if scenario.debris.shape in FACES:
             check_faces(scenario.limits.faces, FACES[scenario.debris.shape])
     return scenario
+
+
+def validate_scenario(scenario: Scenario) -> Scenario:
+    """A scenario in hand as one that was read: pydantic's `model_copy` takes whatever it is given."""
+    return check_settings(Scenario, scenario.model_dump(by_alias=True, exclude_unset=True, warnings=False))
 
 
 def check_faces(wanted: Sequence[str], names: Sequence[str]) -> None:
