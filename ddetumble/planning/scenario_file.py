@@ -381,7 +381,11 @@ def read_scenario(path) -> Scenario:
 
 
 def validate_scenario(scenario: Scenario) -> Scenario:
-    """A scenario in hand as one that was read: pydantic's `model_copy` takes whatever it is given."""
+    """A scenario in hand as one that was read: pydantic's `model_copy` takes whatever it is given.
+
+    Raises:
+        InputError: It says something that is not understood; the key is named.
+    """
     return check_settings(Scenario, scenario.model_dump(by_alias=True, exclude_unset=True, warnings=False))
 
 
