@@ -1,4 +1,4 @@
-"""Run the tests that take about a minute or more each: `python -m docs.long_tests -o fits/long-tests`.
+"""Run the tests that take half a minute or more each: `python -m docs.long_tests -o fits/long-tests`.
 
 The test command leaves them out, so that it ends in a quarter of an hour. Writes `result.json` and `README.md`.
 """
@@ -38,7 +38,7 @@ def tell(rows: list[dict], python: str) -> str:
     """The page: how many passed, and a table."""
     passed = sum(row["outcome"] == "passed" for row in rows)
     lines = [f"# {passed} of {len(rows)} long tests pass", "",
-             "Tests of a minute or more, which the test command leaves out. Made on two cores by", "",
+             "Tests of half a minute or more, which the test command leaves out. Made on two cores by", "",
              "    python -m docs.long_tests -o fits/long-tests", "",
              f"with Python {python}; the other versions are in `result.json`. Seconds hold the compiling of what "
              "is not yet in the cache.", "",

@@ -76,7 +76,7 @@ def test_an_error_that_may_be_none_stands_for_nothing(monkeypatch):
     assert stand_in(SimpleNamespace(settings=DEFAULT), ["first", "last"]) == (pair[1:], [])
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_bias_is_that_of_a_fit_with_it(tmp_path):
     """An adhesive offset beside a speed that reads 2.5 % too high, from the second simulator: the error, its deviation
     and its merit are those of the model that has the error as a parameter, to a tenth of what is significant. One
@@ -200,7 +200,7 @@ def test_an_error_stands_for_the_last_effect_alone():
         assert stand_in(*fit_both(seed, {"ripple.a": 0.5, "settling.a": 0.3})) == ([], [])
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_biased_load_is_no_second_effect(tmp_path):
     """Viscous friction beside loads that all read too low, from the second simulator: that alone is named, with the
     loads' error and what would predict worse in its place."""

@@ -250,6 +250,7 @@ def test_a_part_of_the_work_reports_within_its_share():
     assert seen == [("outer: inner", pytest.approx(0.6))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", [[], ["--quiet"], ["-q"]])
 def test_progress_of_a_command(capsys, tmp_path, words):
     """What long work is at goes to standard error, unless it is not wanted."""

@@ -298,6 +298,7 @@ def test_a_folder_of_a_models_name_changes_nothing(tmp_path, monkeypatch):
     assert is_fitted(str(tmp_path / "paper"))
 
 
+@pytest.mark.slow
 def test_repeats_are_one_condition_however_few_there_are(tmp_path):
     """Two pressures, two repeats each: too few conditions to leave one out, and yet two rows."""
     write_package(tmp_path, make_campaign("few", 1, {}, BASE, (5e5, 1e6), (0.4,), 2, interval=1e-3))

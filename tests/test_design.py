@@ -285,7 +285,7 @@ def test_what_is_to_be_settled_first(rivals, tmp_path, content, reason):
     assert ("stated wrongly" in found.sentence) == (reason == "unit")
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_verdict_between_a_gauge_and_an_effect(tmp_path):
     """Four impacts of a ball whose membrane keeps part of its area: the verdict names what it cannot tell apart, every
     setting and every effect, writes a model of each, and the design tells them apart, as does a calibration."""

@@ -459,7 +459,7 @@ def test_malformed_options(arguments, says, tmp_path, capsys, monkeypatch):
     assert says in told and told.count("\n") == 1 and not (tmp_path / "exam").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_three_cases_from_end_to_end(tmp_path, capsys):
     """Drawn, judged blind and marked by two processes; case 1 alone is the same case, and its truth is kept."""
     words = ["exam", "--family", "slip", "--seed", "1", "--fault", "none"]

@@ -502,7 +502,7 @@ def test_a_gain_at_a_corner_that_nothing_beside_it_shares_is_a_fault(clean, tmp_
     assert found.faults[0].done.startswith("It is left out")
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_wrong_record_and_a_missing_effect_hide_each_other(tmp_path):
     """Neither the model without the effect nor the effects found with the record see what is wrong."""
     folder = tmp_path / "both"
@@ -637,7 +637,7 @@ def test_a_radius_given_for_a_diameter_is_asked_about(request, hidden):
     assert f"outer_diameter={1e3 * campaign.known['outer_diameter']:.6g} mm" in found.doubts[0]
 
 
-@pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize(("asked", "verdict", "effects", "left_out"), [
     ((Exam("slip", 82, ("one", "two", "outside"), bench="drawn"), 23), "explained", ("load-exponent",), True),
     ((Exam("slip", 141, ("one",), bench="drawn"), 1), "undecided", (), False)])

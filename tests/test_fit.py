@@ -62,6 +62,7 @@ def test_settings_that_made_up_for_an_effect_do_not_hold_its_fit(tmp_path):
         assert abs(found.parameters[name].estimate - value) < 4.0 * found.parameters[name].sd
 
 
+@pytest.mark.slow
 def test_what_is_known_of_an_effect_is_held_where_the_model_has_it(tmp_path):
     """An amplifier's filter of stated corner: in a fit, in a selection beside other effects, and not without it."""
     made = make_campaign("filtered", 3, {"sensor-filter": {"f_c": 200.0}}, BASE, **PLAN)

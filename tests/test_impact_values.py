@@ -204,7 +204,7 @@ def test_a_long_valley_is_followed_to_its_end():
         assert found.parameters[name].estimate == pytest.approx(own.estimate, abs=0.02 * own.sd)
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_values_that_leave_nothing_to_test_with_are_told():
     """A model with as many parameters as the curve whose scatter is the noise."""
     assert not dd.compare(read_campaign(find_data() / "paper" / "figure-8"), "power-law").lack_of_fit.tested

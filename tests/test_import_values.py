@@ -23,6 +23,7 @@ def write_table(path, headings="Test;p [bar];v [m/s];v2 [mm/s];Peak force [N];re
     return path
 
 
+@pytest.mark.slow
 def test_a_table_of_rebound_speeds_gives_the_restitution(tmp_path):
     """By command to a campaign, and on to a fit whose interval holds the truth and is as wide as 12 values make it."""
     table, folder = write_table(tmp_path / "bench.csv"), tmp_path / "campaign"

@@ -244,7 +244,7 @@ def test_end_stop_is_drawn_where_it_is(tmp_path):
     assert law.parameters["d"].estimate == pytest.approx(truth["depth"], rel=0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_end_stop_that_one_condition_reaches(tmp_path):
     """Left-out conditions cannot tell laws apart there; the place and the power are drawn all the same."""
     truth = {"k": 2.0e5, "depth": 6.4e-3, "exponent": 1.5}

@@ -311,6 +311,7 @@ def test_discover_on_our_campaigns(name, tmp_path):
         assert error < 0.5 * noise[channel], (channel, error)
 
 
+@pytest.mark.slow
 def test_jump_of_friction_at_first_touch_does_not_bias_it(tmp_path):
     """A sample at first touch, where friction jumps to that of the sliding speed, may lie on either side."""
     effects = {"viscous-friction": {"c_t": 3.0}}

@@ -127,8 +127,8 @@ def import_raw(folder, table):
     return dd.write_campaign(folder / "campaign", found)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("noise", "seed"), [pytest.param(0.05, 1, marks=pytest.mark.study), (0.25, 2)])
+@pytest.mark.study
+@pytest.mark.parametrize(("noise", "seed"), [(0.05, 1), (0.25, 2)])
 def test_nothing_is_missing_in_an_imported_null(tmp_path, noise, seed):
     campaign = import_raw(tmp_path / "raw", write_raw(tmp_path / "raw", seed, noise={"normal_force": noise}))
     found = dd.discover(campaign)
@@ -158,7 +158,7 @@ def test_a_common_error_is_read_and_written(late, tmp_path):
     assert again.column("normal_force").common is None
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_common_shift_is_one_nuisance_of_the_campaign(late, tmp_path):
     fitted = dd.fit(late)
     shift = fitted.parameters["time_shift"]
@@ -176,6 +176,7 @@ def test_a_common_shift_is_one_nuisance_of_the_campaign(late, tmp_path):
     assert "time_shift" not in held.parameters and held.chi2_reduced > fitted.chi2_reduced
 
 
+@pytest.mark.slow
 def test_a_sensor_lag_cannot_be_told_from_a_common_shift(late):
     lag = dd.fit(late, effects=["sensor-lag"]).parameters["sensor-lag.T"]
     assert lag.sd > 0.5e-4 and lag.q025 < 1e-4

@@ -545,7 +545,7 @@ def test_when_nobody_is_the_culprit():
     assert culprit_of(rumble(3, size=6.0), settings=near)[0] is None
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_one_of_three_tumbling_records_is_wrong_beside_an_effect(tmp_path):
     """Read at 0.65 of its rates: the other two and an eddy current say so together, and neither alone."""
     exam = Exam("tumble", 143, truths=("one",), bench="drawn")

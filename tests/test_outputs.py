@@ -157,7 +157,7 @@ def test_overwriting_replaces_results_and_nothing_else(tmp_path, capsys):
     capsys.readouterr()
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_commands_take_values_of_which_a_test_gives_one(tmp_path, capsys):
     """Every command goes on from four peaks, but for those that need a curve: they say so, and leave nothing."""
     place, conditions = tmp_path / "found", tmp_path / "conditions.csv"
@@ -185,8 +185,8 @@ def test_commands_take_values_of_which_a_test_gives_one(tmp_path, capsys):
 
 @pytest.mark.parametrize(("words", "kept"), [
     (["discover", "impact-b"], {"result.json"}),
-    (["fit", "paper/figure-8"], {"fit.json", "model.json"}),
-    (["compare", "paper/figure-8"], {"compare.json"}),
+    pytest.param(["fit", "paper/figure-8"], {"fit.json", "model.json"}, marks=pytest.mark.slow),
+    pytest.param(["compare", "paper/figure-8"], {"compare.json"}, marks=pytest.mark.slow),
     pytest.param(["plan", "axial-spin-without-friction.toml"], {"plan.json"}, marks=pytest.mark.slow),
 ], ids=lambda one: one[0] if isinstance(one, list) else "")  # fmt: skip
 def test_results_outlive_a_page_that_fails(words, kept, tmp_path, capsys, monkeypatch):
@@ -214,7 +214,7 @@ def test_results_outlive_a_page_that_fails(words, kept, tmp_path, capsys, monkey
     assert not list(tmp_path.rglob("*.html")) and os.listdir(tmp_path) == ["out"]
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_map_outlives_its_figure(tmp_path, capsys, monkeypatch):
     from ddetumble import figures
 

@@ -295,8 +295,8 @@ share = 0.368
 """
 
 
-@pytest.mark.parametrize("seed, speed", [
-    (0, 2.0), *(pytest.param(*one, marks=pytest.mark.study) for one in ((1, 2.0), (0, 0.6)))])
+@pytest.mark.study
+@pytest.mark.parametrize("seed, speed", [(0, 2.0), (1, 2.0), (0, 0.6)])
 def test_limits_that_allow_a_tenth_of_the_arms_speed(tmp_path, seed, speed):
     """76 N let a ball approach at 0.2 m/s: every seed and every arm finds the nine impacts that this takes.
 
@@ -343,8 +343,8 @@ def test_a_search_that_failed_is_told_from_what_cannot_be_done(flat, tmp_path):
         assert result["possible"] is possible and result["refused"]["missed"] == one.missed
 
 
-@pytest.mark.parametrize(("limits", "key"), [
-    ({"force": 0.01}, "limits.force"), pytest.param({"approach": 1.9}, "limits.force", marks=pytest.mark.study)])
+@pytest.mark.study
+@pytest.mark.parametrize(("limits", "key"), [({"force": 0.01}, "limits.force"), ({"approach": 1.9}, "limits.force")])
 def test_the_limit_that_stands_in_the_way_is_named_with_what_would_do(limits, key, tmp_path):
     """At the limit that is named the search finds an impact that is worth its while, and well short of it none."""
     problem = pose([0.05, 0.02, 0.03], 0.2, **limits)
@@ -368,6 +368,7 @@ def test_where_no_limit_stands_in_the_way_none_is_named():
     assert not found.impacts and found.refused is not None and found.relaxations == ()
 
 
+@pytest.mark.study
 def test_plans_beyond_what_was_measured_say_so(tmp_path):
     """A fit over 0.14 to 0.62 m/s plans 2 m/s: headline, table and result say so; within the limits the tangential
     speed alone is told, which was never measured.
@@ -402,6 +403,7 @@ model = "{fit.as_posix()}"
         assert page.count("0.621 m/s") == (2 if beyond else 0)
 
 
+@pytest.mark.study
 def test_a_plan_stays_within_what_was_measured(tmp_path):
     """With `within`, no value lies outside of the fit's campaign but for the tangential speed, which a campaign of
     normal impacts has nowhere and the plan tells; it says what that costs, and the freer search leaves less; a ball
@@ -605,12 +607,11 @@ def write_mesh(file, lengths):
     file.write_text("".join(lines), encoding="utf-8")
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("shape", [
-    'shape = "box"\nlengths = [0.1, 0.1, 0.34]',
-    *(pytest.param(text, marks=pytest.mark.study) for text in (
-        'shape = "box"\nlengths = [0.34, 0.1, 0.1]', 'shape = "box"\nlengths = [0.1, 0.1, 0.1]',
-        'shape = "mesh"\nfile = "square.obj"', 'shape = "mesh"\nfile = "cube.obj"')),
-], ids=["square", "along-x", "cube", "square-mesh", "cube-mesh"])  # fmt: skip
+    'shape = "box"\nlengths = [0.1, 0.1, 0.34]', 'shape = "box"\nlengths = [0.34, 0.1, 0.1]',
+    'shape = "box"\nlengths = [0.1, 0.1, 0.1]', 'shape = "mesh"\nfile = "square.obj"',
+    'shape = "mesh"\nfile = "cube.obj"'], ids=["square", "along-x", "cube", "square-mesh", "cube-mesh"])
 def test_bodies_of_equal_moments_are_planned_for(tmp_path, shape):
     """Flat faces and two or three equal moments, as of any CubeSat: XLA could not compile the impact's slopes."""
     write_mesh(tmp_path / "square.obj", [0.1, 0.1, 0.34])
@@ -626,10 +627,9 @@ def test_bodies_of_equal_moments_are_planned_for(tmp_path, shape):
     assert all(f"{value:.3g}" in page for value in (one["peak_normal_force"], 1e3 * one["peak_depression"]))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("shape", [
-    'shape = "box"\nlengths = [1.0, 2.0, 3.0]',
-    pytest.param('shape = "sphere"\nradius = 1.0', marks=pytest.mark.study)], ids=["box", "sphere"])
+@pytest.mark.study
+@pytest.mark.parametrize("shape", ['shape = "box"\nlengths = [1.0, 2.0, 3.0]', 'shape = "sphere"\nradius = 1.0'],
+                         ids=["box", "sphere"])
 def test_other_convex_bodies_are_planned_for(tmp_path, shape):
     """Through the command: allowed, gradients right, and the momentum after is what the impulse makes of it.
 
@@ -898,7 +898,7 @@ def test_the_papers_stage_is_brought_below_one_per_cent(tmp_path):
     assert np.linalg.norm(momentum) <= 0.01 * 72.84 * (1 + 1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_problem_in_hand_is_planned_as_its_scenario_is(tmp_path):
     """One verb: a scenario file, and the problem that it poses with the settings that it states, give one plan."""
     path = find_data() / "scenarios" / "flat-spin.toml"
@@ -920,7 +920,7 @@ def test_a_problem_in_hand_is_planned_as_its_scenario_is(tmp_path):
         dd.plan(path, settings=settings)
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_fit_in_hand_is_what_strikes():
     """The fitted ball takes the place of the problem's own, its covariance is drawn, its range is told."""
     fitted = dd.fit(find_data() / "impact-b", dd.Ball() + dd.effects.Adhesion())
@@ -935,7 +935,7 @@ def test_a_fit_in_hand_is_what_strikes():
         dd.plan(problem, dd.fit(find_data() / "slip-a"))
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_model_that_does_not_fit_its_own_campaign_is_told(tmp_path):
     """A ball without what its campaign shows leaves several times the noise: the plan says so, from the fit in hand
     and from its folder; a ball that fits says nothing."""

@@ -132,6 +132,7 @@ def test_a_number_without_a_unit_beside_others_with_one_is_asked_about(tmp_path,
     np.testing.assert_allclose(rates, np.radians([0.0, 3.0, 0.0]))
 
 
+@pytest.mark.study
 def test_a_pressure_and_an_instant_that_are_given(tmp_path):
     """Twice the same: the impact has them, reaches no limit by them, and they have no price."""
     text = SCENARIO.replace("[debris]", "starts = 1\n[debris]")
@@ -192,6 +193,7 @@ def test_a_ball_of_another_size(tmp_path):
         assert refused.value.key == key
 
 
+@pytest.mark.study
 def test_a_face_and_an_area_to_strike(tmp_path):
     """The plan keeps to them, and a smaller area makes it no better."""
     limits = '[limits]\nforce = 1000.0\nfaces = ["upper end"]\n'
@@ -389,6 +391,7 @@ def test_in_how_many_cases_nothing_is_taken_is_told(held):
     assert "23 %" not in dc.replace(found, spreads=(dc.replace(one, q95=0.9, goal_q95=0.9, goal=0.5),)).sentence
 
 
+@pytest.mark.study
 def test_an_erring_impact_has_slopes(held):
     """No error is the planned impact itself; with one, derivatives by the design agree with central differences."""
     problem, plan = held
@@ -453,6 +456,7 @@ def test_a_goal_of_ones_own(tmp_path):
         assert refused.value.key == key
 
 
+@pytest.mark.study
 def test_what_is_left_is_told_of_the_goal_that_was_asked_for(tmp_path):
     """With a goal of one's own, sentence, result and page say what is left of that, before and after, and no share of
     the momentum that nobody asked for.
@@ -528,6 +532,7 @@ def test_a_body_far_too_light_for_its_size_is_asked_about(tmp_path):
     assert [one.variable for one in found.doubts] == ["debris.mass"] and str(found.doubts[0]) in str(found)
 
 
+@pytest.mark.study
 def test_one_blow_is_judged_in_public(held):
     """What a plan says of its blow comes again from its variables; a map of places and its gradient are one `vmap`."""
     problem, best = held

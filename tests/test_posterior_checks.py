@@ -377,7 +377,7 @@ def test_weigh_and_predict(tmp_path, capsys):
     assert {"0.70", "0.30"} <= set(found.attrs["notes"][0].replace(")", " ").replace(",", " ").split())
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_weights_of_models_that_are_all_wrong():
     """Records that no rival describes, at some of which scores are unreliable: both are told, beside the weights that
     the others alone give."""

@@ -93,7 +93,7 @@ def test_draws_from_priors_keep_to_their_limits():
     assert stats.kstest(x[:, 1], stats.uniform().cdf).pvalue > 1e-3
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_records_that_the_priors_expect(tmp_path):
     """Priors about the truth hold the readings of a campaign in their band, whose width grows with theirs; what has no
     prior is named instead. All of it is in the files."""

@@ -283,25 +283,22 @@ def test_pages_of_keys_are_current(tmp_path):
     assert all(field.description or key in tables for one in tables.values() for key, field in one.model_fields.items())
 
 
-@pytest.mark.slow
-def test_printed_python_runs(tmp_path):
-    """The Python of README, front page and guide runs as it stands, page by page."""
+def list_printed():
+    """Pages with Python in them; README's runs in every test, what the others print is a study."""
     paths = ROOT / "README.md", ROOT / "docs" / "index.md", *sorted((ROOT / "docs" / "guide").glob("*.md"))
-    pages = {path: read_blocks(path, "python") for path in paths}
-    own = pages[ROOT / "README.md"].pop()
-    assert own in (ROOT / "docs" / "end_stop.py").read_text(encoding="utf-8")  # which test_discover.py runs
-    lines = [f"exec(compile({chr(10).join(blocks)!r}, {str(path)!r}, 'exec'), {{'__name__': 'page'}})"
-             for path, blocks in pages.items() if blocks]
-    assert len(lines) > 8
-    script = tmp_path / "printed.py"
-    script.write_text("\n".join(lines), encoding="utf-8")
+    return [pytest.param(path, id=path.stem, marks=pytest.mark.slow if path == paths[0] else pytest.mark.study)
+            for path in paths if read_blocks(path, "python")]
+
+
+@pytest.mark.parametrize("path", list_printed())
+def test_printed_python_runs(path, tmp_path, monkeypatch):
+    """The Python of a page of README, front page and guide runs as it stands."""
+    blocks = read_blocks(path, "python")
+    if path.name == "README.md":
+        assert blocks.pop() in (ROOT / "docs" / "end_stop.py").read_text(encoding="utf-8")  # run by test_discover.py
     (tmp_path / "data").symlink_to(ROOT / "data", target_is_directory=True)
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(
-        [sys.executable, str(script)], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=600
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.strip()
+    monkeypatch.chdir(tmp_path)
+    exec(compile("\n".join(blocks), str(path), "exec"), {"__name__": "page"})
 
 
 @pytest.mark.slow

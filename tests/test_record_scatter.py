@@ -81,7 +81,7 @@ def list_fits(tmp_path, family, bench, count, seed):
         yield dd.fit(tmp_path / f"{family}-{k}"), case.setting["base"]
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_intervals_hold_the_truth_where_a_gauge_is_coarse(tmp_path):
     """Intervals of the noise, which does not know all that rounding adds, hold the truth in less than nine of ten."""
     held, narrow, widened = [], [], 0
@@ -94,7 +94,7 @@ def test_intervals_hold_the_truth_where_a_gauge_is_coarse(tmp_path):
     assert widened > 10 and np.mean(narrow) < 0.9 < np.mean(held) < 0.99
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_ordinary_campaigns_keep_the_errors_of_their_noise(tmp_path):
     """Beyond chance one in a hundred is widened; the covariance is that of the least squares elsewhere."""
     fits = [fit for family in ("impact", "slip") for fit, _ in list_fits(tmp_path, family, "stated", 15, 7)]

@@ -30,6 +30,7 @@ def muddle(seed):
     return spoil
 
 
+@pytest.mark.slow
 def test_noise_does_not_repeat():
     """Uneven, correlated noise taken for white: of 120 campaigns at most 12 are below 5 % (four in a thousand, of true
     p-values, have 13 or more), at most 5 below 1 %, and the median is no smaller than chance has it."""

@@ -54,7 +54,7 @@ def test_only_the_place_of_results_changes(words, tmp_path):
     assert place_output(words, tmp_path) == ["fit", "a", "-o", str(tmp_path)]
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_fit_is_made_again(tmp_path, monkeypatch, capsys):
     """The same numbers; a changed number, a changed campaign and another version are named; a lost campaign is told."""
     monkeypatch.chdir(tmp_path)

@@ -51,6 +51,7 @@ def look(campaign):
     return selection, fitted, find_saturation(selection, fitted)
 
 
+@pytest.mark.slow
 def test_a_level_that_records_share_is_found_behind_the_noise(tmp_path):
     """At 8 N of up to 9.4 N: in the strokes at 28 N alone, where the model of the others goes on."""
     campaign = rub(tmp_path, 8.0)
@@ -79,7 +80,7 @@ def test_what_bends_the_largest_forces_is_no_limit(tmp_path, effects):
     assert look(rub(tmp_path, np.inf, effects))[2] is None
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_the_rest_is_judged_without_what_is_cut_off(tmp_path):
     """Impacts cut off at 50 N: complete without an effect, and with a wall that is there the wall with its size."""
     found = discover(strike(tmp_path / "none", 50.0))

@@ -99,7 +99,7 @@ def valley(tmp_path_factory):
     return hidden, folder
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_two_effects_of_a_valley_are_no_baselines(valley):
     """Both are found, each within three of its deviations. The first was passed over for a leave-one-out step that led
     astray, and baselines that wander stood for the two: "no significant lack of fit"."""

@@ -164,6 +164,7 @@ def test_band_of_a_posterior(noisy):
     assert np.all(np.abs(drawn.mean - curve.mean) <= 0.25 * (curve.high - curve.low) + 1e-12)
 
 
+@pytest.mark.slow
 def test_which_records_have_a_band():
     """Those at the lowest, a middle and the highest load; one where there is one; none of values, or of other kinds."""
     curve = follow_eq_9(SLIPS, *list_coefficients(10.0))
@@ -227,7 +228,7 @@ def test_profile_of_a_line_is_its_gaussian_interval():
     assert fit.bends["adhesion_constant"] == pytest.approx(1.0, abs=0.02) and fit.profiled().profiles == ()
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_coverage():
     """95 % intervals of a hold the truth as often as a fair coin of 0.95 would; chi-square has its distribution."""
     fits = [fit_curve(28.0, seed=seed) for seed in range(40)]

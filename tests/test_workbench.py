@@ -170,7 +170,7 @@ def test_what_is_held_is_held_and_what_is_freed_is_fitted(opened, grown):
         wb.fit(opened, wb.Choice(held=frozenset(one.name for one in wb.list_controls(opened, []))))
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_the_ledger_grows_and_its_lines_make_it_again(grown):
     """Every step keeps its errors; the script gives the same ones."""
     assert grown.current == 3 and grown.step.found is not None
@@ -206,7 +206,7 @@ def test_results_are_saved_whole_or_not_at_all(grown, tmp_path, monkeypatch):
     assert not (tmp_path / "full").exists() and [path.name for path in tmp_path.iterdir()] == ["new"]
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_what_comes_next_is_told_with_its_lines(grown):
     """The next test apart from an earlier step, and the force that is still missing."""
     done = wb.design(grown, 1)
