@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import ddetumble as dd
 from ddetumble import InputError
 from ddetumble._settings import find_data
 from ddetumble.cli import main
@@ -127,6 +128,20 @@ def test_shipped_campaigns_lose_no_sample(name):
     cleaned, found = screen_samples(campaign)
     assert found == ()
     assert cleaned.samples is not None and cleaned.samples.equals(campaign.samples)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("family", FAMILIES)
+def test_clipped_samples_are_told_by_hand(family, clean, tmp_path):
+    """Each model that is compared, and a fit, says what screening sees, and takes the samples as they are."""
+    channel = CHANNEL[family]
+    ceiling = float(f"{0.75 * np.nanmax(readings(read_campaign(clean[family]), channel)):.3g}")
+    campaign = read_campaign(spoil(clean[family], tmp_path / "c", (faults.clip, channel, ceiling)))
+    (seen,) = screen_samples(campaign)[1]
+    found, whole = dd.compare(campaign), dd.compare(read_campaign(clean[family]))
+    assert [(f.kind, f.seen, f.left_out) for f in found.faults] == [("clipped", seen.seen, False)]
+    assert whole.faults == () and found.channels["samples"].sum() == whole.channels["samples"].sum()
+    assert str(found.faults[0]) in found.notes and str(found.faults[0]) in dd.fit(campaign).notes
 
 
 @pytest.mark.parametrize("family", FAMILIES)

@@ -5,6 +5,7 @@ import dataclasses as dc
 import numpy as np
 import pytest
 
+import ddetumble as dd
 from ddetumble.contact.sliding import RubberFriction
 from ddetumble.exam.simulators.campaigns import write_package
 from ddetumble.exam.simulators.impact_campaigns import NOISE, make_campaign
@@ -71,6 +72,9 @@ def test_a_level_that_records_share_is_found_behind_the_noise(tmp_path):
     assert lost == sum(mask.sum() for mask in found.samples.values())
     kept, changed = clean_records(dc.replace(state, keep_all=True), selection, fitted)
     assert not changed and [f.kind for f in kept.faults][0] == "clipped" and kept.campaign is state.campaign
+    compared = dd.compare(campaign)  # tells the limit, and takes the samples as they are
+    assert [(f.kind, f.records, f.seen) for f in compared.faults] == [("clipped", fault.records, fault.seen)]
+    assert str(compared.faults[0]) in compared.notes
 
 
 @pytest.mark.parametrize("effects", [

@@ -12,7 +12,7 @@ from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect, is_absent, parameters_of, require_effect
 from ..families import find_family, name_family, open_campaign
 from ..measurement.campaign import Campaign
-from ..measurement.faults import STAYING, screen_samples
+from ..measurement.faults import keep_samples, screen_samples
 from ..measurement.plausibility import check_numbers
 from ..measurement.quantities import format_number, join_words
 from . import distributions as stats
@@ -213,11 +213,7 @@ def _fit(campaign: Campaign, wanted: Specification, resolved: ResolvedModel, set
     if not noise and wanted.noise != "stated":
         problem, best, measured, wandering = _allow_wander(pose, problem, best, measured, limits, report)
     report("writing it down", 0.96)
-    # What is wrong with the samples themselves; the fit takes them as they are.
-    faults = screen_samples(campaign)[1]
-    doubts = [*(str(fault) for fault in faults if fault.kind == "truncated"),
-              *(f"{fault.seen} The fit takes them as they are; `ddetumble discover` leaves them out."
-                for fault in faults if fault.kind not in STAYING)]
+    doubts = map(str, keep_samples(screen_samples(campaign)[1]))
     return summarise_fit(campaign, resolved.name, tuple(e.id for e in chosen), problem, best, origin, measured,
                          settings, wanted.nuisances,
                          (*warnings, *worse, *wandering, *describe_assumed(problem, assumed, best.solution), *doubts),

@@ -8,7 +8,7 @@ are none.
 """
 
 import dataclasses as dc
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from itertools import combinations
 from types import MappingProxyType
 
@@ -119,6 +119,13 @@ def _tell(kind: str, keys, channel: str, left_out: bool = False, **facts) -> Fau
     facts |= {"records": records, "channel": channel, "they_are": they_are, "them": them}
     seen, done, remedy = (text.format(**facts) for text in _TEXTS[kind])
     return Fault("missing" if kind == "blind" else kind, keys, channel, seen, done, remedy, left_out)
+
+
+def keep_samples(faults: Iterable[Fault]) -> tuple[Fault, ...]:
+    """Faults that matter to a fit, where it takes all samples as they are."""
+    done = "These samples are taken as they are; `ddetumble discover` leaves them out."
+    return tuple(fault if fault.kind == "truncated" else dc.replace(fault, done=done, left_out=False)
+                 for fault in faults if fault.kind == "truncated" or fault.kind not in STAYING)
 
 
 def count_lost(time: dict[str, np.ndarray], there: dict[str, np.ndarray]) -> tuple[dict[str, int], dict[str, int]]:

@@ -20,6 +20,7 @@ from ..inference.files import AbstractWritten, list_fields, make_plain
 from ..inference.identifiability import list_disputed
 from ..inference.noise_estimation import NOISE, differs_from_stated
 from ..measurement.campaign import Campaign, label_conditions, thin_campaign
+from ..measurement.faults import Fault, keep_samples, screen_samples
 from ..measurement.quantities import describe_quantity, format_quantity, join_words
 from .cross_validation import compare_losses
 from .describe import describe_noise, measure_held, public_estimates
@@ -27,6 +28,7 @@ from .lack_of_fit import is_moved, measure_shifts
 from .localise import residual_places
 from .problem import Fitted, PredictionError, SelectionProblem, fit_reference, pose_selection
 from .result import Estimate, LackOfFit, Place, SettingShift, Trace, list_shifts
+from .saturation import find_saturation, tell_saturation
 from .sequential import Sequential, follow_records
 from .series import have_predictions, list_channels, make_traces, measure_ratio, nrmse, split_error
 from .settings import DEFAULT
@@ -64,7 +66,8 @@ class Comparison(AbstractWritten):
         shifts: how far the settings of the records were moved.
         held_nrmse, held_ratio: `nrmse` and the error over the noise with every condition as it is written down; None
             where no setting was moved beyond chance.
-        notes: sentences on records outside the model's range, and on samples that were not taken.
+        notes: sentences on records outside the model's range, on samples that were not taken, and on `faults`.
+        faults: what is wrong with the samples themselves, which are taken as they are.
         effects: ids of the effects in the model.
         heldout_nrmse: the cross-validated error; of a model that was fitted to another campaign `nrmse` itself, as none
             of these records chose it. NaN where there are too few conditions, or nothing was fitted.
@@ -101,6 +104,7 @@ class Comparison(AbstractWritten):
     held_nrmse: float | None = None
     held_ratio: float | None = None
     notes: tuple[str, ...] = ()
+    faults: tuple[Fault, ...] = ()
     effects: tuple[str, ...] = ()
     heldout_nrmse: float = float("nan")
     prediction_nrmse: float = float("nan")
@@ -329,6 +333,7 @@ def name_model(model: Model, family: str) -> str:
 def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Comparison:
     """One model beside the measurements."""
     resolved = resolve_model(model, name_family(campaign))
+    faults = keep_samples(screen_samples(campaign)[1])
     campaign, thinned = thin_campaign(campaign, MANY)
     given = resolved.fitted
     saved: FittedModel | None = None
@@ -356,6 +361,9 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
     lack, _ = bench.test_lack_of_fit(fitted)
     lack = dc.replace(lack, text=f"{lack.text}; {UNDER}")
     solution, keys = fitted.solution, bench.records.keys
+    if lack.rejected:
+        limit = find_saturation(bench, fitted, {fault.channel for fault in faults if fault.kind == "clipped"})
+        faults = (*faults, *keep_samples([tell_saturation(bench, limit, keep=True)] if limit else []))
     chosen = fitted
     if own is not None:  # cross-validated over what these records chose, where the model stands
         names = tuple(n for n in bench.space.index if n in own or n in solution.names)
@@ -395,7 +403,8 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
         parameters=public_estimates(bench, chosen.solution) if names else {},
         where=tuple(residual_places(bench, fitted)), noise=describe_noise(bench), traces=traces, shifts=shifts,
         held_nrmse=held and held.nrmse, held_ratio=held and held.ratio,
-        notes=tuple(dict.fromkeys((*bench.warnings, *told, *filter(None, [thinned]), *stated))),
+        notes=tuple(dict.fromkeys((
+            *bench.warnings, *told, *map(str, faults), *filter(None, [thinned]), *stated))), faults=faults,
         effects=fitted.effects, heldout_nrmse=adjusted.nrmse,
         prediction_nrmse=predicted.nrmse, prediction_coverage=predicted.coverage, heldout_squares=adjusted.squares,
         heldout_losses=chosen.loss, groups=bench.groups,
