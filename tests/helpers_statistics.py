@@ -14,7 +14,7 @@ from jaxtyping import Array
 from ddetumble.contact.effect import AbstractEffect, AbstractModel, parameter
 from ddetumble.exam.simulators.noise import draw_noise
 from ddetumble.inference.levenberg_marquardt import eliminate_nuisances
-from ddetumble.inference.noise import TAPS, Noise, whitening, whitening_matrix
+from ddetumble.inference.noise import TAPS, Noise, scale_whitening, whitening, whitening_matrix
 from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.inference.problem import Problem, Solution
 from ddetumble.inference.stack import COSINE, SINE, Records, Stack, is_added, widen_settings
@@ -229,7 +229,9 @@ def whiten_records(records: Records, noise) -> Records:
     weights, taps = np.zeros(missing.shape), np.zeros((*missing.shape, TAPS))
     for r in range(records.count):
         for c, channel in enumerate(records.channels):
-            weights[r, c], taps[r, c] = whitening(noise[channel], time[r], ~missing[r, c])
+            plain = whitening(noise[channel], time[r], ~missing[r, c])
+            sizes = noise[channel].sizes.get(records.keys[r], np.ones(time.shape[1]))
+            weights[r, c], taps[r, c] = scale_whitening(*plain, sizes)
     hums = [(channel, *line) for channel in records.channels for line in noise[channel].hum]
     plain = [k for k, name in enumerate(records.nuisances) if not is_added(name)]
     deviations = np.concatenate([np.asarray(records.stack.condition_sd)[:, plain], np.tile(

@@ -40,6 +40,17 @@ def test_a_channel_in_another_unit(factor):
     assert (found.kind, found.channel, found.samples) == ("unit", "normal_force", None)
 
 
+@pytest.mark.parametrize("factor", [9.80665, 1 / 4.4482216])
+def test_noise_that_was_measured_in_another_unit(factor):
+    """A record in pounds has the noise of the others in pounds: where each record's own was measured, it is quieter."""
+    selection = make_selection(1, spoil=scale(factor))
+    sizes = {selection.records.keys[3]: np.full(len(TIME), factor)}
+    noise = {channel: dc.replace(one, sizes=sizes) for channel, one in selection.noise.items()}
+    selection, fitted = fit_toy(dc.replace(selection.restack(noise), noise=noise))
+    found = diagnose(selection, set_aside(selection, fitted.solution, 3))
+    assert (found.kind, found.channel) == ("unit", "normal_force")
+
+
 @pytest.mark.parametrize("factor", [1e3, 1 / 25.4])
 def test_which_of_two_channels_is_in_another_unit(factor):
     found = diagnose_toy(scale(factor, 1), channels=BOTH)

@@ -454,11 +454,20 @@ def enclosed(record, free_running=False, settings=None, softens=True, **columns)
 
     groups = np.asarray(columns.get("groups", np.arange(count)))
     channels = np.stack([wave("channel"), wave("second"), wave("third")], axis=1)
-    solution = SimpleNamespace(state=wave("state"), state_rate=wave("rate"), channels=channels,
-                               end=np.asarray(columns.get("end", middle), dtype=float))
+    stated = SimpleNamespace(state=wave("state"), state_rate=wave("rate"), channels=channels,
+                             end=np.asarray(columns.get("end", middle), dtype=float))
+
+    def solve(names, u, z, moving):
+        """Starts stay where they were fitted, settings where they are stated."""
+        assert not moving and np.all(z[:, 0] == 1.0) and not z[:, 1:].any()
+        return stated
+
     selection = SimpleNamespace(campaign=SimpleNamespace(records=table), groups=groups,
-                                records=SimpleNamespace(count=count), family=SimpleNamespace(free_running=free_running),
+                                problem=SimpleNamespace(solve=solve),
+                                records=SimpleNamespace(count=count, starts=("first",)),
+                                family=SimpleNamespace(free_running=free_running),
                                 settings=settings or SelectionSettings())
+    solution = SimpleNamespace(names=(), u=np.zeros(0), z=np.ones((count, 3)))
     others = {k: None for k in range(count) if k != record}
     return is_enclosed(selection, SimpleNamespace(record=record, others=others, solution=solution), softens)
 

@@ -127,12 +127,16 @@ def _try_channel_units(selection: SelectionProblem, aside: Aside) -> Hypotheses:
         for words, factor in _list_factors(units[chosen[0]]):
             if not guess or abs(np.log(guess / factor)) > selection.settings.outliers.close:
                 continue
-            values, conditions = np.asarray(stack.values).copy(), dict(stack.conditions)
+            values, weights, conditions = (*(np.asarray(x).copy() for x in (stack.values, stack.weights)),
+                                           dict(stack.conditions))
             values[r, chosen] /= factor  # with its noise, which then is as stated
+            for c in chosen:
+                if records.keys[r] in selection.noise[records.channels[c]].sizes:  # or was measured in that unit
+                    weights[r, c] *= factor
             for name in [records.starts[k] for k in chosen if k < len(records.starts) and free_running]:
                 conditions[name] = conditions[name].at[r].divide(factor)
             what = " and ".join(records.channels[c] for c in chosen)
-            yield _hold(selection, aside, values=values, conditions=conditions)[0], Diagnosis(
+            yield _hold(selection, aside, values=values, weights=weights, conditions=conditions)[0], Diagnosis(
                 "unit", records.channels[chosen[0]],
                 f"It fits once its {what} {'is' if len(chosen) == 1 else 'are'} {words}.",
                 "Correct the unit of that record.")

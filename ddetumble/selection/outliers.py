@@ -92,7 +92,7 @@ def is_enclosed(selection: SelectionProblem, aside: Aside, softens: bool = True)
 
     `softens`: whether the ball may have softened from the first test on, so that no later one repeats it.
     """
-    r, kept, solution = aside.record, list(aside.others), aside.solution
+    r, kept = aside.record, list(aside.others)
     records, names = selection.campaign.records, [str(c) for c in selection.campaign.records.columns]
     if "sequence" in names:
         order = records["sequence"].to_numpy(dtype=float)
@@ -101,6 +101,10 @@ def is_enclosed(selection: SelectionProblem, aside: Aside, softens: bool = True)
         names.remove("sequence")
     if names and any(selection.groups[k] == selection.groups[r] for k in kept):
         return True
+    # All settings as they are stated: what makes a wrong record fit, or the others under a wrong model, is no place.
+    stated = aside.solution.z.copy()
+    stated[:, len(selection.records.starts):] = 0.0
+    solution = selection.problem.solve(aside.solution.names, aside.solution.u, stated, moving=False)
     if selection.family.free_running:
         across = np.sqrt(np.mean(np.sum(solution.channels[:, :2] ** 2, axis=1), axis=-1))
         features = [np.abs(solution.state_rate).max(axis=1), across]
