@@ -130,8 +130,11 @@ def test_noise_comes_back_without_the_sizes_of_its_samples(campaign, tmp_path):
     space = ParameterSpace(Ball(), IMPACT)
     save_model(tmp_path / "m", make_fitted(
         campaign=campaign, model_name="paper", space=space, noise={"normal_force": noise}, effects=[],
-        solution=make_solution(space, ["effective_mass"], {"effective_mass": 1.4})))
-    found = load(tmp_path / "m").noise["normal_force"]
+        solution=make_solution(space, ["effective_mass"], {"effective_mass": 1.4}), widened={"effective_mass": 2.5}))
+    again = load(tmp_path / "m")
+    assert again.widened == {"effective_mass": 2.5}
+    assert again.without_scatter().covariance == pytest.approx(again.covariance / 2.5**2)
+    found = again.noise["normal_force"]
     assert (found.floor, found.share, found.rate_share, found.slow_sd, found.slow_time) == (0.1, 0.01, 0.02, 0.3, 0.05)
     assert found == noise and not found.sizes
 

@@ -1,5 +1,6 @@
 """The next test and the map: closed forms, gradients, what cannot be separated, sizes that are found, bad input."""
 
+import dataclasses as dc
 import json
 from types import SimpleNamespace
 
@@ -222,6 +223,13 @@ def test_without_rivals_the_parameters_are_narrowed(rivals):
     assert found.rivals == ("adhesive-offset",)
     assert all(n.after <= n.before * (1 + 1e-9) for n in found.proposals[0].narrowings)
     assert found.proposals[0].narrowings[0].after < 0.8 * found.proposals[0].narrowings[0].before
+    # What scatters from record to record does so in the next one, too, which narrows it by no larger share.
+    saved = dd.load(rivals / "rivals" / "1")
+    wide = dc.replace(saved, covariance=25.0 * saved.covariance,
+                      widened={name: 5.0 * saved.widened.get(name, 1.0) for name in saved.free})
+    again = design(wide).proposals[0].narrowings
+    assert again == tuple(dc.replace(one, before=pytest.approx(5.0 * one.before), after=pytest.approx(5.0 * one.after))
+                          for one in found.proposals[0].narrowings)
 
 
 @pytest.mark.slow

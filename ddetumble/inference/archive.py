@@ -91,6 +91,7 @@ class _ModelFile(Strict):
     commons: list[Common] = []
     sampling: Sampling | None = None
     priors: dict[str, tuple[float, float]] = {}
+    widened: dict[str, pydantic.PositiveFloat] = {}
     records: int
     chi2: float
     versions: dict[str, str]
@@ -126,6 +127,7 @@ class FittedModel:
         notes: sentences on what has changed since it was written.
         sampling: of a typical record; None of a campaign without samples.
         priors: Gaussian (mean, sd) of the coordinates of parameters that were fitted under one, by name.
+        widened: how many times as large as by the noise alone standard deviations are, by parameter, as `Fit` has it.
     """
 
     folder: Path | None
@@ -150,6 +152,7 @@ class FittedModel:
     notes: tuple[str, ...] = ()
     sampling: Sampling | None = None
     priors: Mapping[str, tuple[float, float]] = dc.field(default_factory=dict)
+    widened: Mapping[str, float] = dc.field(default_factory=dict)
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -168,6 +171,11 @@ class FittedModel:
         fitted the model; None where it is not."""
         found = self.extra.get("misfit")
         return None if found is None else float(found)
+
+    def without_scatter(self) -> "FittedModel":
+        """The same with the covariance that the noise alone gives."""
+        scale = np.array([self.widened.get(name, 1.0) for name in self.free])
+        return dc.replace(self, covariance=self.covariance / np.outer(scale, scale))
 
     @property
     def ambient_pressure(self) -> float | None:
@@ -234,7 +242,8 @@ Model = str | Path | AbstractModel | type[AbstractModel] | AbstractLaw | FittedM
 def make_fitted(*, campaign: Campaign, model_name: str, space: ParameterSpace, solution: Solution,
                 noise: Mapping[str, Noise], effects: Sequence[str], covariance: np.ndarray | None = None,
                 names: Sequence[str] | None = None, extra: Mapping[str, Any] | None = None,
-                priors: Mapping[str, tuple[float, float]] | None = None) -> FittedModel:
+                priors: Mapping[str, tuple[float, float]] | None = None,
+                widened: Mapping[str, float] | None = None) -> FittedModel:
     """Make a fitted model from a solution of a campaign, whose reference model `resolve_model` finds by `model_name`.
 
     Parameters of effects that are neither among `effects` (ids) nor away from their null are left out. `covariance` is
@@ -264,7 +273,7 @@ def make_fitted(*, campaign: Campaign, model_name: str, space: ParameterSpace, s
         {name: (float(np.nanmin(x)), float(np.nanmax(x))) for name in campaign.conditions
          for x in [campaign.records[name].to_numpy(dtype=float)]},
         len(campaign.records), float(solution.chi2), list_versions(), more, sampling=sampling,
-        priors=dict(priors or {}))
+        priors=dict(priors or {}), widened=dict(widened or {}))
 
 
 def save_model(folder, fitted: FittedModel) -> Path:
@@ -296,6 +305,7 @@ def save_model(folder, fitted: FittedModel) -> Path:
                      for name, level in fitted.noise.items()},
         "conditions": conditions, "time_sd": fitted.time_sd, "records": fitted.records, "chi2": fitted.chi2,
         "sampling": None if fitted.sampling is None else fitted.sampling.model_dump(), "priors": dict(fitted.priors),
+        "widened": dict(fitted.widened),
         "commons": [dc.asdict(one) for one in fitted.space.commons], "versions": dict(fitted.versions),
         "extra": dict(fitted.extra),
     })  # fmt: skip
@@ -366,7 +376,7 @@ def load(folder, extra: Sequence[type[AbstractEffect]] = ()) -> FittedModel:
          if entry.absolute is not None or entry.relative is not None},
         content.time_sd, {name: (entry.low, entry.high) for name, entry in content.conditions.items()},
         content.records, content.chi2, content.versions, content.extra, tuple(notes), content.sampling,
-        content.priors)
+        content.priors, content.widened)
 
 
 def take_fitted(model: str | Path | FittedModel | AbstractFitted) -> FittedModel:

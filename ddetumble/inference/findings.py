@@ -169,7 +169,7 @@ class Fit(AbstractFitted, AbstractPrinted):
         return make_fitted(
             campaign=self.source, model_name=self.model, space=self.space, solution=self.solution, noise=self.noise,
             effects=self.effects, covariance=self.covariance, names=tuple(self.parameters),
-            priors=priors, extra={
+            priors=priors, widened=self.widened, extra={
                 "made_by": self.settings.get("made_by", "fit"), "chi2_reduced": self.chi2_reduced,
                 "misfit": math.sqrt(self.chi2_reduced) if self.goodness.misfit else None})
 

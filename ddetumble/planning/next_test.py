@@ -191,6 +191,8 @@ def design(models: str | Path | Fitted | Sequence[str | Path | Fitted], *,
     """
     question = list_confused(models)
     rivals, names = question.rivals, question.names
+    if len(rivals) == 1:  # a further record scatters as the others do: it narrows what the noise alone tells as much
+        rivals = (rivals[0].without_scatter(),)
     if length is not None and not length > 0:
         raise InputError(f"the length of a record must be positive, not {length:g}")
     chosen, extras = set_limits(rivals[0], limits), list_extras(rivals[0], channels)
@@ -365,14 +367,16 @@ def _compare(found: Distances, i: int, j: int, names: tuple[str, ...]) -> Pair:
 
 
 def _narrow(saved: FittedModel, found: Distances) -> tuple[Narrowing, ...]:
-    """What one test makes of the standard deviations of a single model's parameters."""
+    """What one test makes of the standard deviations of a single model's parameters, which scatter widens alike before
+    and after."""
     keep, spread = found.rows[0][:, None], saved.spread()
     moved = np.asarray(profile_nuisances(found.at.shared[0] * keep, found.at.own[0] * keep))[:, : len(spread)]
     covariance = spread.T @ np.linalg.solve(np.eye(len(spread)) + moved.T @ moved, spread)
     narrowed = []
     for name in saved.free:
         k = saved.space.index[name]
-        before, after = float(np.linalg.norm(spread[:, k])), float(np.sqrt(max(covariance[k, k], 0.0)))
+        wider = saved.widened.get(name, 1.0)
+        before, after = wider * float(np.linalg.norm(spread[:, k])), wider * float(np.sqrt(max(covariance[k, k], 0.0)))
         if before > 0:
             old, new = (saved.space.public(name, saved.u, sd) for sd in (before, after))
             narrowed.append(Narrowing(name, str(old["unit"]), float(old["sd"]), float(new["sd"])))
