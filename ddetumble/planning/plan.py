@@ -38,6 +38,7 @@ from .scenario import pose_laws, pose_problem
 from .scenario_file import ErrorTable, Scenario, find_scenario, read_scenario, validate_scenario
 from .sequence import Sequence, plan_together
 from .single import LEAST_GAIN, ROUGH, STARTS, StrikePlan
+from .surroundings import Surroundings, find_ambient, list_surroundings, surround
 from .uncertainty import Assessment, Prospect, assess_plan, assess_sequence
 
 
@@ -109,6 +110,7 @@ class Plan(AbstractPrinted):
         after: what all errors together leave after every impact; empty with one impact.
         doubts: sizes in the scenario that should be asked about.
         title, source: of the scenario; '' without one.
+        surroundings: fitted models of the contact whose tests were made under another ambient pressure.
     """
 
     problem: StrikeProblem
@@ -128,6 +130,7 @@ class Plan(AbstractPrinted):
     title: str = ""
     source: str = ""
     fits: Mapping[str, str] = dc.field(default_factory=dict)
+    surroundings: tuple[Surroundings, ...] = ()
 
     def __repr__(self) -> str:
         return f"<Plan of {len(self.impacts)} impacts>"
@@ -205,6 +208,7 @@ class Plan(AbstractPrinted):
                 more=len(found.impacts) < self.settings.impacts, ended=ENDED,
                 plain=self.aim == "best" and self.settings.least == "impacts"),
             say("plan.misfits", misfits=self.misfits) if self.misfits else "", *self.doubts,
+            say("plan.surroundings", found=self.surroundings) if self.surroundings else "",
             say("plan.outcome", goal=goal.name(), momentum=momentum, asked=self.asked, wide=self.goal_beyond,
                 found=found, slid=has_slid(self.ranges), share=share, worth=worth, erring=erring, raised=RAISED,
                 most=NAMES[most[0]] if len(most) == 1 else "", beyond=self.beyond,
@@ -298,11 +302,13 @@ def plan(problem: StrikeProblem | Scenario | str | Path, model: Source | None = 
             raise InputError(f"the model is of {saved.family} records; a strike needs one of impacts")
 
         def mount(fitted):
-            """In place of the problem's own normal force; a law of oblique impacts replaces it all."""
+            """In place of the problem's own normal force; a law of oblique impacts replaces it all, but for what is
+            around the ball."""
+            own = surround(fitted.effects, float(find_ambient(base.effects)))
             if isinstance(fitted, StrikeLaw):
-                return fitted
+                return fitted.reference.extend(own)
             striker = dc.replace(base.reference, ball=fitted.reference)
-            return striker.extend((*base.friction.effects, *fitted.effects))
+            return striker.extend((*base.friction.effects, *own))
 
         laws = draw_laws(model, mount, draws=settings.draws, seed=settings.seed)
         problem = dc.replace(problem, law=laws.main)
@@ -383,7 +389,8 @@ def _plan(problem: StrikeProblem, settings: PlanSettings, laws: Laws | None, con
         if len(found.impacts) > 1:
             after = follow_errors(problem, found.impacts, how.errors, how.seed, tell)
     return Plan(problem, how, found, laws, assessment, prospect, ranges, misfits, beyond, prices, rules, spreads, after,
-                fits={name: saved.campaign for name, saved in contacts.items()})
+                fits={name: saved.campaign for name, saved in contacts.items()},
+                surroundings=list_surroundings(contacts, problem.law.effects))
 
 
 def find_end(sequence: Sequence) -> float:

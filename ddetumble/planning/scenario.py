@@ -29,6 +29,7 @@ from ..inference.models import is_fitted
 from .draws import Laws, Named, draw_laws, find_models, pair_laws, vary_law
 from .problem import Goal, Limits, StrikeProblem
 from .scenario_file import OF_A_FIT, BallTable, DebrisTable, Scenario, check_faces
+from .surroundings import surround
 
 
 # Kg, rolling mass of a ball that its mount keeps from turning: 1e9 times a ball's own, so that it stays still.
@@ -88,6 +89,7 @@ def mount_law(scenario: Scenario, fitted: ContactLaw | StrikeLaw | None, rubbed:
     if rubbed is not None:
         friction, own = rubbed, (*own, *rubbed.effects)
         striker = None
+    own = surround(own, float(ball.ambient_pressure))
     reference = normal.reference
     mass = reference.inertia() if arm.mass is None else scalar(arm.mass)
     across = scalar(arm.tangential_mass) if arm.tangential_mass else (

@@ -68,6 +68,7 @@ Distance = Annotated[NotNegative, _read_in("m")]
 Speed = Annotated[Positive, _read_in("m/s")]
 Force = Annotated[Positive, _read_in("N")]
 Pressure = Annotated[Positive, _read_in("Pa")]
+Ambient = Annotated[NotNegative, _read_in("Pa")]
 Time = Annotated[NotNegative, _read_in("s")]
 Rate = Annotated[Number, _read_in("rad/s")]
 Momentum = Annotated[Number, _read_in("N*m*s")]
@@ -143,6 +144,9 @@ class BallTable(Strict):
         default=0.7, description="restitution of the paper's ball.")
     friction: NotNegative = Field(
         default=0.218, description="constant coefficient of friction if no friction model is named.")
+    ambient_pressure: Ambient = Field(
+        default=0.0, description="pressure around the ball where it strikes [Pa], which pushes back on the contact; "
+        "nothing does in orbit, whatever the tests of a fit were made in. For a rehearsal on the ground \"101.3 kPa\".")
     conditions: dict[StrictStr, Number] = Field(
         default={}, description="further conditions that the model's effects read, by name, SI: `sequence`, the number "
         "of the impact on this ball.")

@@ -34,6 +34,7 @@ from ..planning.problem import StrikeProblem, list_faces, measure_share
 from ..planning.scenario import CLAMPED
 from ..planning.sequence import Sequence
 from ..planning.single import ROUGH, StrikePlan
+from ..planning.surroundings import find_ambient
 from ..planning.uncertainty import Assessment, Prospect
 from .page import Section, Table, draw_picture, read_text, write_page
 
@@ -239,7 +240,9 @@ def _list_plan(plan: Plan) -> dict[str, Any]:
                     "friction": type(problem.law.reference.friction).__name__,
                     "parameters": [dict(zip(("of", "text", "value", "unit"), one, strict=True))
                                    for one in _list_contact(plan)]},
-        "measured": plan.ranges, "misfits": plan.misfits, "doubts": plan.doubts, "within": settings.within or None,
+        "measured": plan.ranges, "misfits": plan.misfits,
+        "ambient_pressure": float(find_ambient(problem.law.effects)), "doubts": plan.doubts,
+        "within": settings.within or None,
         "share_left_beyond": None if plan.beyond is None else plan.beyond.left,
         "uncertainty": None if assessment is None else {
             **vars(assessment), "plan_for": settings.plan_for, "sequence": prospect},
