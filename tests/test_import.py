@@ -488,7 +488,8 @@ def test_paths(tmp_path):
 
 @pytest.mark.parametrize(
     ("heading", "name", "unit"),
-    [("Fz [N]", "Fz", "N"), ("t (ms)", "t", "ms"), ("Force_N", "Force", "N"), ("Time/s", "Time", "s"),
+    [("Fz [N]", "Fz", "N"), ("t (ms)", "t", "ms"), ("v / (mm/s)", "v", "mm/s"), ("p / bar(ü)", "p", "bar(ü)"),
+     ("Force_N", "Force", "N"), ("Time/s", "Time", "s"),
      ("Kraft in kN", "Kraft", "kN"), ("velocity_m_s", "velocity", "m/s"), ("Fz (filtered)", "Fz (filtered)", None),
      ("F_N", "F_N", None), ("normal_force", "normal_force", None), ("e [-]", "e", "-"), ("test_no", "test_no", None),
      ("angular_velocity_y", "angular_velocity_y", None), ("p [bar(g)]", "p", "bar(g)"), ("t", "t", None),

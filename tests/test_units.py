@@ -55,6 +55,13 @@ def test_common_units_are_as_pint_reads_them(monkeypatch):
         assert unit == parse_unit.__wrapped__(text)
 
 
+@pytest.mark.parametrize(("text", "plain"), [
+    ("barg", "bar"), ("bar(ü)", "bar"), ("Bar (g)", "bar"), ("bar_g", "bar"), ("PSIG", "psi"), ("kPa rel.", "kPa"),
+    ("MPa(g)", "MPa"), ("bar, gauge", "bar"), ("bar", None), ("g", None), ("mbar", None), ("gf", None)])
+def test_units_above_the_pressure_around(text, plain):
+    assert units.strip_gauge(text) == plain
+
+
 def test_hints_and_gauges():
     with pytest.raises(InputError, match="did you mean MPa"):
         parse_unit("mpa")

@@ -30,12 +30,13 @@ from .units import (
 FRICTION_TEST = "if it is a friction test, give --family " + next(kind.name for kind in KINDS.values() if kind.path)
 WEIGHED = "--known 'effective_mass=1.2 kg' converts"
 _COMMON = {
-    "record": "record recordid test testid testno testnr testnumber run runid runno shot trial versuch versuchsnr",
+    "record": "record recordid test testid testno testnr testnumber run runid runno runnumber shot trial versuch "
+    "versuchnr versuchsnr versuchsnummer",
     "time": "t time zeit temps tempo elapsedtime timestamp",
     "temperature": "temperature temp temperatur",
     "depression": "depression depth indentation compressiondepth eindrücktiefe eindringtiefe",
     "pressure": "p pressure druck gaspressure ballpressure fillpressure fillingpressure innendruck balldruck "
-    "gaugepressure überdruck",
+    "gaugepressure überdruck fülldruck",
 }
 _GAUGE = ("gaugepressure", "überdruck")  # of these, those above the pressure around
 _NUMBERS = ("no", "nr", "num", "number", "nummer", "n°", "№", "#")  # of samples in raw data, and so no test there

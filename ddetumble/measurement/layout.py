@@ -109,7 +109,7 @@ def split_heading(text: str) -> tuple[str, str | None]:
         return (name + column[2], unit) if unit is not None else (text, None)
     match = re.fullmatch(r"(.+?)\s*[\[(]\s*([^\[\]]*?)\s*[\])]", text)
     if match and (_is_unit(match[2]) or "[" in text):
-        return match[1].strip(" _,:"), match[2] or "1"
+        return match[1].strip(" _,:/"), match[2] or "1"
     match = re.fullmatch(r"(.*\w)(?:\s*/\s*|\s+in\s+|\s*,\s*)(\S+)", text)
     if match and _is_unit(match[2], bare=True):
         return match[1], match[2]

@@ -128,7 +128,7 @@ def read_files(path, *, sheet: str | None = None, leave_out: str | None = None, 
     path = Path(path)
     ending = path.suffix.lower()
     if not is_bag(path) and ending not in _READERS:
-        if sheet is not None:
+        if sheet is not None and path.exists():  # where it does not, reading says so
             raise InputError("a text file has no sheets; leave out --sheet", file=path)
         return [read_layout(path, delimiter=delimiter, decimal=decimal, single=single)]
     word, short = "sheet" if ending in _SHEETS else "group", path.name

@@ -24,8 +24,8 @@ ALIASES = {
     "mps": "m/s", "kph": "km/h", "usec": "us", "dps": "deg/s", "℃": "degC", "°C": "degC", "℉": "degF", "°F": "degF",
 }  # fmt: skip
 ROUNDING = 1e-12  # s, below which a time is nought but for rounding
-_GAUGE = {"barg": "bar", "psig": "psi", "bar(g)": "bar", "psi(g)": "psi", "mbarg": "mbar", "kpag": "kPa", "mpag": "MPa",
-          "barü": "bar", "bar_g": "bar"}
+_PRESSURES = {one.casefold(): one for one in ("bar", "mbar", "psi", "Pa", "hPa", "kPa", "MPa")}
+_GAUGE = re.compile(rf"({'|'.join(_PRESSURES)})[\s_]*\(?(?:g|ü|ue|rel)\.?\)?")  # barg, psi (g), bar(ü), kPa rel.
 _PLAIN = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻·⋅×µ", "0123456789-***μ")
 # Units that most campaigns and scenarios are written in, by their spelling: scale and SI unit. Without these, every
 # command would spend half a second on starting pint.
@@ -123,7 +123,8 @@ def list_usual(quantity: str) -> tuple[str, ...]:
 def strip_gauge(text: str) -> str | None:
     """The plain unit of one of a pressure above that around it, such as bar(g) or `bar, gauge`; None of any other."""
     said = re.fullmatch(r"(.*?)[\s,;(]*\bgauge\)?", text.strip(), re.IGNORECASE)
-    return said[1] if said and said[1] else _GAUGE.get(text.casefold().replace(" ", ""))
+    short = _GAUGE.fullmatch(text.strip().casefold())
+    return said[1] if said and said[1] else short and _PRESSURES[short[1]]
 
 
 def is_gauge(text: str) -> bool:
