@@ -39,6 +39,7 @@ from ddetumble.planning.distinguishability import (
 from ddetumble.planning.next_test import Narrowing, Pair, design, group_pairs
 from ddetumble.planning.setting_ranges import list_extras, set_limits
 from ddetumble.selection.explanations import fit_bias
+from ddetumble.selection.predict import SQUEEZED
 from ddetumble.selection.problem import fit_reference, pose_selection
 from ddetumble.selection.settings import DEFAULT
 
@@ -570,3 +571,12 @@ def test_deviations_before_and_after_a_test_are_plain_numbers():
     """Of a hundred newtons a metre as of a millisecond."""
     assert "± 110 to ± 79 N/m" in str(Narrowing("viscoelastic-wall.k_v", "N/m", 112.3, 79.1))
     assert "± 0.00077 to ± 0.00055 s" in str(Narrowing("viscoelastic-wall.tau", "s", 7.7e-4, 5.5e-4))
+
+
+@pytest.mark.slow
+def test_a_test_in_which_the_ball_is_pressed_flat_is_told():
+    """Beyond half of its diameter the contact geometry says nothing: a soft ball at 1 m/s, and not a hard one."""
+    fitted = dd.fit(dd.find_data() / "impact-a")
+    told = [design(fitted, limits={"initial_pressure": pressure, "approach_speed": "1 m/s"}).notes
+            for pressure in ("20 kPa", "1 MPa")]
+    assert [any(f"{SQUEEZED:.0%}" in note for note in notes) for notes in told] == [True, False]

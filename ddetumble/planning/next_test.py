@@ -22,6 +22,7 @@ from ..inference.files import AbstractWritten, list_fields, list_versions, make_
 from ..measurement.quantities import describe_quantity, format_plain, format_value, join_words
 from ..posterior.stacking import list_numbered, read_discovery
 from ..selection.discovery import Discovery
+from ..selection.predict import SQUEEZED, find_squeezes
 from ..selection.result import EXPLANATIONS, OPEN, RESULT
 from ..selection.settings import DEFAULT
 from .distinguishability import (
@@ -408,6 +409,10 @@ def _explain(found: Design, question: Question) -> Design:
         held=[_describe_limit(one) for one in found.limits if not one.free], at_limit=best.at_limit,
         assumed=[f"{one.extra.name} {one.extra.sd:g} {one.extra.unit}".removesuffix(" 1") for one in found.proposals
                  if one.extra is not None and one.extra.assumed])
+    conditions = {name: np.array([value]) for name, value in best.conditions.items()}
+    notes += [f"The contact geometry is valid up to {SQUEEZED:.0%} of the diameter, but {squeeze} in this test, of which "
+              "the model knows nothing: raise the lowest pressure, or lower the highest speed (`--limit`)."
+              for squeeze in find_squeezes(question.rivals[0], ["next"], conditions)]
     return dc.replace(found, sentence=str(sentence), notes=tuple(notes))
 
 
