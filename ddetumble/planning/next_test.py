@@ -410,8 +410,8 @@ def _explain(found: Design, question: Question) -> Design:
         assumed=[f"{one.extra.name} {one.extra.sd:g} {one.extra.unit}".removesuffix(" 1") for one in found.proposals
                  if one.extra is not None and one.extra.assumed])
     conditions = {name: np.array([value]) for name, value in best.conditions.items()}
-    notes += [f"The contact geometry is valid up to {SQUEEZED:.0%} of the diameter, but {squeeze} in this test, of which "
-              "the model knows nothing: raise the lowest pressure, or lower the highest speed (`--limit`)."
+    notes += [f"The contact geometry is valid up to {SQUEEZED:.0%} of the diameter, but {squeeze} in this test, which "
+              "the model does not describe: raise the lowest pressure, or lower the highest speed (`--limit`)."
               for squeeze in find_squeezes(question.rivals[0], ["next"], conditions)]
     return dc.replace(found, sentence=str(sentence), notes=tuple(notes))
 
