@@ -37,10 +37,16 @@ class AbstractPrinted(abc.ABC):
         """The whole result in words and aligned columns, the answer first."""
 
     def _repr_html_(self) -> str:
-        """Its first block in bold, the others as they are aligned; everything is escaped."""
+        """Its first sentences in bold, notes as a list, the rest as it is aligned; everything is escaped."""
         first, *others = str(self).strip("\n").split("\n\n")
-        blocks = [f"<p><strong>{html.escape(' '.join(first.split()))}</strong></p>",
-                  *(f"<pre>{html.escape(block)}</pre>" for block in others)]
+        lines = first.split("\n")
+        count = next((k for k, line in enumerate(lines) if line.startswith(("- ", " ", "[["))), len(lines))
+        blocks = [f"<p><strong>{html.escape(' '.join(lines[:count]))}</strong></p>"] * bool(count)
+        if lines[count:] and all(line.startswith("- ") for line in lines[count:]):
+            blocks.append("".join(["<ul>", *(f"<li>{html.escape(line[2:])}</li>" for line in lines[count:]), "</ul>"]))
+        else:
+            others = ["\n".join(lines[count:])] * bool(lines[count:]) + others
+        blocks += [f'<pre style="white-space: pre-wrap">{html.escape(block)}</pre>' for block in others]
         return "\n".join(["<div>", *blocks, "</div>"])
 
 

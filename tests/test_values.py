@@ -148,3 +148,16 @@ def test_a_text_of_a_file_is_escaped_in_a_notebook():
             return "<script>alert(1)</script>\n\n<b>x</b>"
 
     assert "<script>" not in Told()._repr_html_()
+
+
+@pytest.mark.parametrize(("text", "expected"), [
+    ("Found.\n- one\n- two\n\n  a  1", ["<strong>Found.</strong>", "<li>one</li>", "<li>two</li>", ">  a  1</pre>"]),
+    ("[[Model]]\n    a\n    b", ["[[Model]]\n    a\n    b</pre>"]),
+    ("Found in\ntwo lines.\n\nx", ["<strong>Found in two lines.</strong>", ">x</pre>"])])
+def test_lines_of_a_result_stay_lines_in_a_notebook(text, expected):
+    class Told(AbstractPrinted):
+        def __str__(self):
+            return text
+
+    shown = Told()._repr_html_()
+    assert all(part in shown for part in expected) and shown.count("<strong>") == ("[[" not in text)
