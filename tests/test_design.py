@@ -132,8 +132,14 @@ def test_limits_in_numbers(rivals):
     saved = load(rivals)
     texts = set_limits(saved, ["load=5..20 N", "slip_speed=100 mm/s"])
     assert set_limits(saved, {"normal_load": (5, 20.0), "slip_speed": 0.1}) == texts
+    assert set_limits(saved, {"normal_load": ("5 N", "0.02 kN"), "slip_speed": 0.1}) == texts
     with pytest.raises(InputError, match="lower value first"):
         set_limits(saved, {"normal_load": (20.0, 5.0)})
+    for wrong in ((5.0,), (5.0, 20.0, 30.0), (None, 5.0), {"low": 5.0}, ("5 m", "20 m"), ("5", "20")):
+        with pytest.raises(InputError):
+            set_limits(saved, {"normal_load": wrong})
+    with pytest.raises(InputError, match="is not a fitted model"):
+        design(dd.read_campaign("slip-a"))
     for right in ("0.1..0.3 m/s", "0.1 .. 0.3m/s", "1e-1..300e-3 m/s"):
         (found,) = [one for one in set_limits(saved, {"slip_speed": right}) if one.name == "slip_speed"]
         assert (found.low, found.high) == (0.1, 0.3)

@@ -180,8 +180,8 @@ def design(models: str | Path | Fitted | Sequence[str | Path | Fitted], *,
 
     Args:
         models: what `discover` or `fit` returned, or a folder that they wrote; or several of these, of one campaign.
-        limits: `NAME=LOW..HIGH UNIT` or `NAME=VALUE UNIT`, or by condition `"0.2..2 m/s"` or (low, high) in SI; the
-            campaign's range, extended, elsewhere.
+        limits: `NAME=LOW..HIGH UNIT` or `NAME=VALUE UNIT`, or by condition `"0.2..2 m/s"`, `("0.2 m/s", "2 m/s")` or
+            (low, high) in SI; the campaign's range, extended, elsewhere.
         channels: `NAME: NOISE UNIT` of channels that could be added; the usual ones where not given.
         length: of the test's record in its independent variable [s or m]; as in the campaign where not given.
         progress: called with a sentence and the share done.
@@ -231,7 +231,7 @@ def list_confused(models: str | Path | Fitted | Sequence[str | Path | Fitted]) -
         return _ask(rivals, models.verdict, [one.setting for one in models.explanations], models.reason,
                     [fault.records for fault in models.faults if fault.kind == "doubtful"])
     found = [take_fitted(one) for one in (
-        [models] if isinstance(models, (str, Path, FittedModel, AbstractFitted)) else models)]
+        models if isinstance(models, Sequence) and not isinstance(models, str) else [models])]
     if len({(one.sha256, type(one.space.reference)) for one in found}) != 1:
         raise InputError("the models must be fits to one campaign that extend one reference model")
     return _ask(found, "fit" if len(found) == 1 else "undecided")

@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import math
+import numbers
 import re
 from collections.abc import Mapping, Sequence
 
@@ -11,7 +12,7 @@ from ..dynamics.spinning import ATTITUDES
 from ..families import find_family
 from ..inference.archive import FittedModel
 from ..measurement.columns import expand_role, read_pairs
-from ..measurement.units import NUMBER, check_unit, parse_uncertainty, parse_unit, si_unit
+from ..measurement.units import NUMBER, check_unit, parse_quantity, parse_uncertainty, parse_unit, si_unit
 
 
 # By which limits reach beyond a condition that was held still, and beyond one that was not: a rig can do more than it
@@ -54,7 +55,8 @@ class Extra:
     assumed: bool
 
 
-Range = str | float | tuple[float, float]  # text with a unit; or SI: a value, or the lower and the upper one
+# Text with a unit, or SI: a value, or the lower and the upper one, each of which may be a text with its unit.
+Range = str | float | tuple[str | float, str | float]
 
 
 def set_limits(saved: FittedModel, entries: Mapping[str, Range] | Sequence[str] | None = None) -> tuple[Limit, ...]:
@@ -120,7 +122,10 @@ def _read_range(name: str, given: Range, source: str) -> tuple[float, float]:
         unit = check_unit(match[3] or "1", name)
         low, high = (float(unit.convert(float(x))) for x in (match[1], match[2] or match[1]))
     else:
-        low, high = map(float, given if isinstance(given, (tuple, list)) else (given, given))
+        ends = given if isinstance(given, (tuple, list)) else (given, given)
+        if len(ends) != 2 or not all(isinstance(end, (str, numbers.Real)) for end in ends):
+            raise InputError(f"{place} takes a value, or the lower and the upper one, not {given!r}")
+        low, high = (parse_quantity(end, name) if isinstance(end, str) else float(end) for end in ends)
     if not (math.isfinite(low) and math.isfinite(high)):
         raise InputError(f"{place} is not finite: {given!r}")
     if high < low:
