@@ -144,6 +144,15 @@ def test_clipped_samples_are_told_by_hand(family, clean, tmp_path):
     assert str(found.faults[0]) in found.notes and str(found.faults[0]) in dd.fit(campaign).notes
 
 
+@pytest.mark.slow
+def test_a_record_that_its_settings_were_moved_for_is_the_first_to_look_at(clean, tmp_path):
+    """In pounds its pressure is moved until it fits: its residual is not the largest, its chi-square is by far."""
+    key = middle(clean["impact"])
+    found = dd.compare(spoil(clean["impact"], tmp_path / "f", (faults.scale, ["normal_force"], key, 1 / 4.4482216)))
+    table = found.records.set_index("record")
+    assert table["chi2_reduced"].idxmax() == key and key in found.sentence
+
+
 @pytest.mark.parametrize("family", FAMILIES)
 def test_clipped_samples_are_left_out(family, clean, tmp_path):
     channel = CHANNEL[family]

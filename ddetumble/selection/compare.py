@@ -36,6 +36,7 @@ from .text import describe_place, tells_nothing
 from .verdict_facts import describe_level, find_longest
 
 
+APART = 4.0  # times the chi-square of any other, per sample, from which on a record is the first to look at
 BINS = 12  # of a variable: fewer hide where a misfit begins, more are their own noise
 # Of chi-square and p-value of one model, which need not be those that `discover` gives of it.
 UNDER = ("under the noise measured from its own residuals, with all records; `discover` takes one noise for all its "
@@ -553,6 +554,10 @@ def _tell(found: Comparison, campaign: Campaign, family: Family, disputed: Seque
     if not lack.rejected:
         return say("verdict.agrees", model=repr(found.model), ratio=ratio, p=lack.p_value, disputed=disputed)
     worst, place = found.records.loc[found.records["ratio"].idxmax()], None
+    *_, next_to, most = (0.0, *sorted(found.records["chi2_reduced"]))
+    alone = len(found.records) > 2 and most > APART * next_to
+    if alone:  # where its settings were moved to make it fit, its residual is none of the largest
+        worst = found.records.loc[found.records["chi2_reduced"].idxmax()]
     settings = [f"{describe_quantity(name).name} {format_quantity(name, worst[name])}"
                 for name in family.kind.conditions if name in campaign.conditions and name != "sequence"]
     sizes = dict(zip(found.channels["channel"], found.channels["ratio"], strict=True))
@@ -562,4 +567,4 @@ def _tell(found: Comparison, campaign: Campaign, family: Family, disputed: Seque
         place = None if tells_nothing(place) else place
     level = describe_level(ratio, found.shifts, found.held_ratio)
     return say("verdict.fails", model=repr(found.model), level=level, worst=worst["record"], settings=settings,
-               ratio=float(worst["ratio"]), place=place)
+               ratio=float(worst["ratio"]), place=place, alone=alone and [most, next_to])
