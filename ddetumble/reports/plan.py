@@ -43,7 +43,7 @@ SCHEMA = "ddetumble.plan-result/2"
 PLACES = 120  # times drawn between two impacts: a curve looks smooth, and a page stays small
 SHOWN = 0.02  # share of the momentum from which an arrow of what is left can be seen: below it is shorter than its head
 WORDS = {
-    "best": "The impacts are planned for the best estimate.",
+    "best": "Of the contact, the impacts are planned for the best estimate.",
     "mean": "The impacts are planned for the mean over the draws, and every limit holds for the mean over its own "
             "worst share of them. That may leave more than the plan for the best estimate, which passes limits in "
             "some draws.",
