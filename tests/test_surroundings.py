@@ -77,7 +77,7 @@ def test_a_plan_tells_what_the_tests_were_made_under(tmp_path):
         scenario = write(tmp_path, f'[ball]\nmodel = "fit"\n{ball}[uncertainty]\nfit = "fit"\ndraws = 3\n')
         laws = pose_laws(scenario, tmp_path)
         assert float(find_ambient(laws.main.effects)) == pressure
-        found = list_surroundings({"fit": dd.load(tmp_path / "fit")}, laws.main.effects)
+        found = list_surroundings([dd.load(tmp_path / "fit")], laws.main.effects)
         assert [(one.campaign, one.planned) for one in found] == [("impact-a", pressure)] * told
         assert not told or found[0].fitted == pytest.approx(1.02e5)
         assert np.all(np.asarray(find_ambient(laws.draws.effects)) == pressure)

@@ -68,8 +68,18 @@ def find_contacts(scenario: Scenario, here: Path) -> dict[str, FittedModel]:
     """The fitted models that a scenario's contact is made from, by folder as the scenario names it; of several rivals
     the first with the largest weight; none for the paper's own ball.
     """
+    return {name: max(models, key=lambda one: one[2])[1] for name, models in _find_fits(scenario, here).items()}
+
+
+def find_rivals(scenario: Scenario, here: Path) -> tuple[FittedModel, ...]:
+    """All fitted models that a scenario's contact may be, rivals too."""
+    return tuple(model for models in _find_fits(scenario, here).values() for _, model, _ in models)
+
+
+def _find_fits(scenario: Scenario, here: Path) -> dict[str, list[tuple[str, FittedModel, float]]]:
+    """Name, model and weight of every rival, by folder as the scenario names it."""
     fits = () if scenario.uncertainty is None else scenario.uncertainty.fit
-    return {name: max(find_models(here / name)[0], key=lambda one: one[2])[1]
+    return {name: find_models(here / name)[0]
             for name in filter(None, (scenario.ball.model, scenario.ball.friction_model,
                                   *(fit.removesuffix("/result.json") for fit in fits)))}
 

@@ -25,6 +25,7 @@ from .measured import (
     confine,
     find_contacts,
     find_measured_ranges,
+    find_rivals,
     has_slid,
     list_misfits,
     warn_of_extrapolation,
@@ -295,9 +296,10 @@ def plan(problem: StrikeProblem | Scenario | str | Path, model: Source | None = 
                              f"{type(problem).__name__}")
         path = find_scenario(problem)
         return plan_scenario(read_scenario(path), path.parent, path, progress=progress)
-    settings, laws, contacts = settings or PlanSettings(), None, {}
+    settings, laws, contacts, surroundings = settings or PlanSettings(), None, {}, ()
     if model is not None:
-        saved, base = max(find_models(model)[0], key=lambda one: one[2])[1], problem.law
+        models = find_models(model)[0]
+        saved, base = max(models, key=lambda one: one[2])[1], problem.law
         if not saved.space.family.has_contact:
             raise InputError(f"the model is of {saved.family} records; a strike needs one of impacts")
 
@@ -312,8 +314,9 @@ def plan(problem: StrikeProblem | Scenario | str | Path, model: Source | None = 
 
         laws = draw_laws(model, mount, draws=settings.draws, seed=settings.seed)
         problem = dc.replace(problem, law=laws.main)
-        contacts = {saved.campaign: saved}
-    return _plan(problem, settings, laws, contacts, progress=progress)
+        contacts, surroundings = {saved.campaign: saved}, list_surroundings([one for _, one, _ in models],
+                                                                            problem.law.effects)
+    return dc.replace(_plan(problem, settings, laws, contacts, progress=progress), surroundings=surroundings)
 
 
 def plan_scenario(scenario: Scenario, here: Path, path: Path | None = None, *, progress: Progress | None = None,
@@ -325,6 +328,7 @@ def plan_scenario(scenario: Scenario, here: Path, path: Path | None = None, *, p
         laws = pose_laws(scenario, here)
         problem = pose_problem(scenario, here, laws)
         contacts, doubts = find_contacts(scenario, here), check_scenario(scenario, here)
+        surroundings = list_surroundings(find_rivals(scenario, here), problem.law.effects)
     if progress is not None:  # before minutes are spent on a wrong unit
         for doubt in doubts:
             progress(str(doubt), math.nan)
@@ -336,7 +340,8 @@ def plan_scenario(scenario: Scenario, here: Path, path: Path | None = None, *, p
         settings = dc.replace(settings, plan_for=table.plan_for, tail=table.tail, draws=table.draws)
     try:
         with error_place(file=path):
-            found = _plan(problem, dc.replace(settings, **changes), laws, contacts, progress=progress)
+            found = dc.replace(_plan(problem, dc.replace(settings, **changes), laws, contacts, progress=progress),
+                               surroundings=surroundings)
     except ComputationError as error:
         if not doubts:
             raise
@@ -389,8 +394,7 @@ def _plan(problem: StrikeProblem, settings: PlanSettings, laws: Laws | None, con
         if len(found.impacts) > 1:
             after = follow_errors(problem, found.impacts, how.errors, how.seed, tell)
     return Plan(problem, how, found, laws, assessment, prospect, ranges, misfits, beyond, prices, rules, spreads, after,
-                fits={name: saved.campaign for name, saved in contacts.items()},
-                surroundings=list_surroundings(contacts, problem.law.effects))
+                fits={name: saved.campaign for name, saved in contacts.items()})
 
 
 def find_end(sequence: Sequence) -> float:

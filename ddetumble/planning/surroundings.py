@@ -1,7 +1,7 @@
 """The pressure around the ball: that of the tests belongs to them, and not to the ball that strikes in orbit."""
 
 import dataclasses as dc
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -34,11 +34,10 @@ def surround(effects: Sequence[AbstractEffect], pressure: float) -> tuple[Abstra
     return (*found, AmbientPressure(scalar(pressure))) if lacks else found
 
 
-def list_surroundings(contacts: Mapping[str, FittedModel], effects: Sequence[AbstractEffect]
-                      ) -> tuple[Surroundings, ...]:
+def list_surroundings(models: Sequence[FittedModel], effects: Sequence[AbstractEffect]) -> tuple[Surroundings, ...]:
     """Fits whose ambient pressure is not that of the law that is planned with, which has these effects."""
     planned, found = float(find_ambient(effects)), []
-    for saved in contacts.values():
+    for saved in models:
         fitted = float(find_ambient(saved.law().effects))
         if fitted not in (0.0, planned):
             found.append(Surroundings(saved.campaign, fitted, planned))
