@@ -442,7 +442,7 @@ def test_what_is_said_of_a_fault():
     assert not tell_fault(spiked, False).left_out  # but for a sample
 
 
-def enclosed(record, free_running=False, settings=None, softens=True, **columns):
+def enclosed(record, free_running=False, settings=None, softens=True, failed=(), **columns):
     """Whether a record of five lies among the others in what is given."""
     count = 5
     table = pd.DataFrame({name: np.asarray(x, dtype=float) for name, x in columns.items() if name in (
@@ -455,7 +455,7 @@ def enclosed(record, free_running=False, settings=None, softens=True, **columns)
     groups = np.asarray(columns.get("groups", np.arange(count)))
     channels = np.stack([wave("channel"), wave("second"), wave("third")], axis=1)
     stated = SimpleNamespace(state=wave("state"), state_rate=wave("rate"), channels=channels,
-                             end=np.asarray(columns.get("end", middle), dtype=float))
+                             end=np.asarray(columns.get("end", middle), dtype=float), failed=failed)
 
     def solve(names, u, z, moving):
         """Starts stay where they were fitted, settings where they are stated."""
@@ -474,6 +474,7 @@ def enclosed(record, free_running=False, settings=None, softens=True, **columns)
 
 def test_a_record_among_others_is_enclosed():
     assert enclosed(2) and not enclosed(0) and not enclosed(4)
+    assert not enclosed(2, failed=("c",))  # what cannot be computed encloses nothing
     assert enclosed(2, approach_speed=[1, 2, 3, 4, 5]) and not enclosed(2, approach_speed=[1, 2, 9, 4, 5])
     assert not enclosed(2, approach_speed=[3, 3, 1, 4, 5])
     for name in ("state", "rate", "channel", "second", "third", "end"):

@@ -105,6 +105,8 @@ def is_enclosed(selection: SelectionProblem, aside: Aside, softens: bool = True)
     stated = aside.solution.z.copy()
     stated[:, len(selection.records.starts):] = 0.0
     solution = selection.problem.solve(aside.solution.names, aside.solution.u, stated, moving=False)
+    if solution.failed:
+        return False
     if selection.family.free_running:
         across = np.sqrt(np.mean(np.sum(solution.channels[:, :2] ** 2, axis=1), axis=-1))
         features = [np.abs(solution.state_rate).max(axis=1), across]
