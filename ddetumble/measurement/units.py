@@ -187,8 +187,9 @@ def refuse_bare(text: str | float, quantity: str, unit: str = "") -> None:
     kind = role_of(quantity) or next((name for name, si in _KINDS.items() if si == (unit or "1")), None)
     if kind != "pure number":
         usual = _USUAL[kind].split() if kind else [unit]
-        more = f" (or in {', '.join(usual[1:])})" if usual[1:] else ""
-        raise InputError(f"{quantity} needs a unit: write it like '{str(text).strip()} {usual[0]}'{more}")
+        meant = [f"'{str(text).strip()} {one}'" for one in usual]  # nobody can know which
+        asked = f"is it {', '.join(meant[:-1])} or {meant[-1]}?" if meant[1:] else f"write it like {meant[0]}"
+        raise InputError(f"{quantity} needs a unit: {asked}")
 
 
 def parse_quantity(text: str | float, quantity: str, unit: str = "") -> float:
