@@ -142,14 +142,14 @@ def write_parquet(path, held):
     return path
 
 
-def write_tdms(path, groups):
-    """A TDMS file of groups of channels (unit, values) or, with a clock, (unit, step, values)."""
-    from nptdms import ChannelObject, TdmsWriter
+def write_tdms(path, groups, properties=None):
+    """A TDMS file of groups of channels (unit, values), or (unit, step, values) with a clock, and `properties`."""
+    from nptdms import ChannelObject, GroupObject, TdmsWriter
 
     groups = groups if isinstance(next(iter(groups.values())), dict) else {"Bench": groups}
     with TdmsWriter(str(path)) as writer:
         for group, held in groups.items():
-            objects = []
+            objects = [GroupObject(group, properties=properties[group])] if properties else []
             for name, (unit, *step, values) in held.items():
                 about = {"unit_string": unit} if unit else {}
                 about |= {"wf_increment": step[0], "wf_start_offset": 0.0, "wf_samples": len(values)} if step else {}

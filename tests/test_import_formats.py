@@ -200,6 +200,24 @@ def test_files_cut_off_or_of_another_kind(tmp_path, name):
         assert str(path) in str(error)
 
 
+def test_properties_of_tdms_groups_are_conditions(tmp_path):
+    """Numbers that a program wrote beside the channels of a test, once their units are known; no words, no flags."""
+    groups = {name: clocked() for name in ("shot 1", "shot 2")}
+    about = {name: {"pressure": pressure, "v [m/s]": np.float32(0.5), "operator": "JB", "good": True}
+             for name, pressure in (("shot 1", 10.0), ("shot 2", 12))}
+    path = write_tdms(tmp_path / "a.tdms", groups, about)
+    found = dd.import_tests(path, sheet="*", units=["pressure=bar"])
+    assert list(found.records["initial_pressure"]) == pytest.approx([1e6, 1.2e6])
+    assert list(found.records["approach_speed"]) == [0.5, 0.5] and set(found.records) == set(found.conditions)
+    with pytest.raises(dd.InputError) as caught:
+        dd.import_tests(path, sheet="*")
+    assert caught.value.column == "pressure"
+    with pytest.raises(dd.InputError):
+        dd.import_tests(path, sheet="*", units=["pressure=bar"], pressure="1 MPa")
+    assert list(dd.import_tests(path, sheet="*", drop=["pressure"], pressure="1 MPa").records["initial_pressure"]) == [
+        1e6, 1e6]
+
+
 def test_tdms_that_is_cut_off_or_none(tmp_path):
     """A first segment that ends early, wherever, and text are told in words of ours, not in the library's."""
     path = make(tmp_path, "run.tdms")

@@ -1,5 +1,6 @@
 """LabVIEW's TDMS: groups of channels with `unit_string` and the sampling of a waveform."""
 
+import numbers
 import struct
 from pathlib import Path
 
@@ -14,7 +15,10 @@ TAG = b"TDSm"  # first bytes of every segment
 LEAD_IN = struct.Struct("<4sIIQQ")  # tag, contents, version, length of the segment after this, and of its metadata
 
 def read_tdms(path: Path) -> list[Channel]:
-    """Channels of all groups; those with `wf_increment` have a clock, counted from the first start in their group."""
+    """Channels of all groups; those with `wf_increment` have a clock, counted from the first start in their group.
+
+    Numbers among the properties of a group are single values beside its channels.
+    """
     import nptdms
 
     _check_start(path)
@@ -32,6 +36,9 @@ def read_tdms(path: Path) -> list[Channel]:
                     clock = clock + (starts[one.name] - min(starts.values())) / np.timedelta64(1, "ns") / 1e9
                 unit = one.properties.get("unit_string")
                 found += make_channels(one.name, one[:], unit if isinstance(unit, str) else None, group.name, clock)
+            for name, value in group.properties.items():  # settings of a test, as LabVIEW programs write them
+                if isinstance(value, numbers.Real) and not isinstance(value, bool):
+                    found += make_channels(name, [float(value)], None, group.name)
     return found
 
 
