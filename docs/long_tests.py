@@ -1,6 +1,6 @@
 """Run the tests that take half a minute or more each: `python -m docs.long_tests -o fits/long-tests`.
 
-The test command leaves them out, so that it ends in a quarter of an hour. Writes `result.json` and `README.md`.
+The test command leaves them out, so that it ends in about half an hour. Writes `result.json` and `README.md`.
 """
 
 import argparse
