@@ -215,6 +215,16 @@ def test_pairs_are_grouped_by_the_rival_that_is_in_most():
 
 
 @pytest.mark.slow
+def test_a_rival_that_does_not_fit_its_own_campaign_is_told(rivals):
+    """The campaign parts them already: one leaves more than noise of it, by whoever fitted it."""
+    one, other = load(rivals), load(rivals / "rivals" / "1")
+    for misfit, told in ((None, 0), (1.63, 1)):
+        poor = dc.replace(other, extra={**other.extra, "misfit": misfit})
+        notes = design([one, poor], limits={"speed": "0.1 m/s"}).notes
+        assert sum(note.startswith("adhesive-offset") and "1.63" in note for note in notes) == told
+
+
+@pytest.mark.slow
 def test_nothing_separates_is_said(rivals):
     """At the old speed no load or pressure parts them, and the design says so."""
     found = design(rivals, limits={"speed": "0.1 m/s"})

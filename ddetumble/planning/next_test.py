@@ -387,7 +387,8 @@ def _narrow(saved: FittedModel, found: Distances) -> tuple[Narrowing, ...]:
 def _explain(found: Design, question: Question) -> Design:
     """With its sentence, and notes on what was assumed and what else there is."""
     best, *others = found.proposals
-    sensors = sorted({e.id for one in question.rivals for e in one.space.effects if e.stage in MEASURING})
+    gauges = [{e.id for e in one.space.effects if e.stage in MEASURING} for one in question.rivals]
+    sensors = sorted(set.union(*gauges) - set.intersection(*gauges))  # what is in all of them parts none
     sentence = say("plan.next_test", rivals=found.rivals, verdict=found.verdict, best=best,
                    test=describe_test(best, found.limits), more=find_family(found.family).plan.added, most=MOST,
                    decisive=DEFAULT.decisive, little=LITTLE, reason=found.reason, few=question.reason == "conditions",
@@ -409,6 +410,9 @@ def _explain(found: Design, question: Question) -> Design:
         held=[_describe_limit(one) for one in found.limits if not one.free], at_limit=best.at_limit,
         assumed=[f"{one.extra.name} {one.extra.sd:g} {one.extra.unit}".removesuffix(" 1") for one in found.proposals
                  if one.extra is not None and one.extra.assumed])
+    if any(one.misfit is None for one in question.rivals):  # the campaign itself tells them apart
+        notes += [f"{name} leaves {one.misfit:.3g} times the noise on their campaign, which speaks against it already."
+                  for name, one in zip(question.names, question.rivals, strict=True) if one.misfit is not None]
     conditions = {name: np.array([value]) for name, value in best.conditions.items()}
     notes += [f"The contact geometry is valid up to {SQUEEZED:.0%} of the diameter, but {squeeze} in this test, which "
               "the model does not describe: raise the lowest pressure, or lower the highest speed (`--limit`)."
