@@ -33,6 +33,19 @@ def test_an_unknown_key_of_a_scenario(tmp_path, text, key, known):
     assert done.exception.key == key and done.exception.column is None and known in str(done.exception)
 
 
+@pytest.mark.parametrize(("text", "key"), [
+    ('angular_velocity = "20 deg/s"', "debris.angular_velocity"), ("angular_velocity = 0.3", "debris.angular_velocity"),
+    ("angular_velocity = [0.1, 0.2]", "debris.angular_velocity"),
+    ("angular_velocity = [0.1, 0.2, 0.3, 0.4]", "debris.angular_velocity")])
+def test_a_vector_of_another_length_is_told_by_its_key(tmp_path, text, key):
+    """In words of a file, not in those of Python."""
+    path = tmp_path / "scenario.toml"
+    path.write_text(f'schema = "ddetumble.plan/1"\n[debris]\n{text}\n')
+    done = CliRunner().invoke(app, ["plan", str(path), "-o", str(tmp_path / "plan")])
+    assert isinstance(done.exception, dd.InputError) and done.exception.key == key
+    assert "tuple" not in str(done.exception).lower()
+
+
 def test_a_fault_that_the_model_finds_names_the_file_and_its_key(tmp_path):
     path = tmp_path / "scenario.toml"
     path.write_text(SCENARIO + "[arm]\nchaser = [0.0, 0.0, 0.0]\n")

@@ -151,8 +151,14 @@ def check_settings(kind: type[Content], content: dict, path: Path | None = None,
             if strange:
                 keys = _list_keys(kind, place[:-1])
                 message = f"this is not a key here; {offer_names(str(place[-1]), keys, 'the keys are')}"
+            elif fault["type"] == "missing" and place and isinstance(place[-1], int):
+                place, message = place[:-1], f"value {place[-1] + 1} is missing"
             elif fault["type"] == "missing":
                 message = "is missing"
+            elif fault["type"] in ("tuple_type", "list_type"):
+                message = "takes several values, in square brackets"
+            elif fault["type"] == "too_long":
+                message = f"takes {fault['ctx']['max_length']} values, not {fault['ctx']['actual_length']}"
             elif section:
                 message = sections[str(place[0])]
             key = ".".join(str(part) for part in place[:2 if section else None] if part not in ("float", "int"))
