@@ -158,7 +158,8 @@ def check_settings(kind: type[Content], content: dict, path: Path | None = None,
             elif fault["type"] in ("tuple_type", "list_type"):
                 message = "takes several values, in square brackets"
             elif fault["type"] == "too_long":
-                message = f"takes {fault['ctx']['max_length']} values, not {fault['ctx']['actual_length']}"
+                sizes = fault.get("ctx", {})
+                message = f"takes {sizes.get('max_length')} values, not {sizes.get('actual_length')}"
             elif section:
                 message = sections[str(place[0])]
             key = ".".join(str(part) for part in place[:2 if section else None] if part not in ("float", "int"))
