@@ -61,8 +61,8 @@ class GoodnessOfFit:
             parts.append(f"Records and prior disagree on {join_words(self.disputed)}: by themselves the records put "
                          f"{it} far from {its}.")
         if told:
-            parts.append(f"{told} The uncertainties of the parameters do not say how far off they are for what the model "
-                         "lacks; `ddetumble discover` looks for it.")
+            parts.append(f"{told} The uncertainties of the parameters do not say how far off they are for what the "
+                         "model lacks; `ddetumble discover` looks for it.")
         return " ".join(parts)
 
 
