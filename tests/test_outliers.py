@@ -442,39 +442,41 @@ def test_what_is_said_of_a_fault():
     assert not tell_fault(spiked, False).left_out  # but for a sample
 
 
-def enclosed(record, free_running=False, settings=None, softens=True, failed=(), **columns):
-    """Whether a record of five lies among the others in what is given."""
+def enclosed(record, free_running=False, settings=None, softens=True, stated=None, failed=(), **columns):
+    """Whether a record of five lies among the others in what is given: `columns` with settings as the fit moved them,
+    `stated` what differs with settings as they are stated."""
     count = 5
     table = pd.DataFrame({name: np.asarray(x, dtype=float) for name, x in columns.items() if name in (
-        "approach_speed", "sequence")})
+        "approach_speed", "initial_pressure", "sequence")})
     middle = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
 
-    def wave(name, spread=(-1.0, 0.2)):
-        return np.asarray(columns.get(name, middle), dtype=float)[:, None] * np.array(spread)
+    def compute(given):
+        def wave(name, spread=(-1.0, 0.2)):
+            return np.asarray(given.get(name, middle), dtype=float)[:, None] * np.array(spread)
 
-    groups = np.asarray(columns.get("groups", np.arange(count)))
-    channels = np.stack([wave("channel"), wave("second"), wave("third")], axis=1)
-    stated = SimpleNamespace(state=wave("state"), state_rate=wave("rate"), channels=channels,
-                             end=np.asarray(columns.get("end", middle), dtype=float), failed=failed)
+        channels = np.stack([wave("channel"), wave("second"), wave("third")], axis=1)
+        return {"state": wave("state"), "state_rate": wave("rate"), "channels": channels,
+                "end": np.asarray(given.get("end", middle), dtype=float)}
 
     def solve(names, u, z, moving):
         """Starts stay where they were fitted, settings where they are stated."""
         assert not moving and np.all(z[:, 0] == 1.0) and not z[:, 1:].any()
-        return stated
+        return SimpleNamespace(**compute(columns | (stated or {})), failed=failed)
+
+    groups = np.asarray(columns.get("groups", np.arange(count)))
 
     selection = SimpleNamespace(campaign=SimpleNamespace(records=table), groups=groups,
                                 problem=SimpleNamespace(solve=solve),
                                 records=SimpleNamespace(count=count, starts=("first",)),
                                 family=SimpleNamespace(free_running=free_running),
                                 settings=settings or SelectionSettings())
-    solution = SimpleNamespace(names=(), u=np.zeros(0), z=np.ones((count, 3)))
+    solution = SimpleNamespace(names=(), u=np.zeros(0), z=np.ones((count, 3)), **compute(columns))
     others = {k: None for k in range(count) if k != record}
     return is_enclosed(selection, SimpleNamespace(record=record, others=others, solution=solution), softens)
 
 
 def test_a_record_among_others_is_enclosed():
     assert enclosed(2) and not enclosed(0) and not enclosed(4)
-    assert not enclosed(2, failed=("c",))  # what cannot be computed encloses nothing
     assert enclosed(2, approach_speed=[1, 2, 3, 4, 5]) and not enclosed(2, approach_speed=[1, 2, 9, 4, 5])
     assert not enclosed(2, approach_speed=[3, 3, 1, 4, 5])
     for name in ("state", "rate", "channel", "second", "third", "end"):
@@ -486,6 +488,22 @@ def test_a_record_among_others_is_enclosed():
     low = dict.fromkeys(same, [1, 0.98, 3, 4, 5])
     narrow = SelectionSettings(outliers=OutlierSettings(same=0.01))
     assert enclosed(1, **low) and not enclosed(1, settings=narrow, **low)
+
+
+def test_what_a_wrong_record_was_moved_to_is_not_its_place():
+    """Its settings as they are stated count where those of others make them up; a corner nobody encloses."""
+    order, away = [1, 2, 3, 4, 5], {"state": [1, 2, 0.3, 4, 5], "channel": [1, 2, 0.3, 4, 5]}
+    back = {"state": order, "channel": order}
+    assert not enclosed(2, approach_speed=order, **away)
+    assert enclosed(2, approach_speed=order, stated=back, **away)
+    assert not enclosed(2, approach_speed=order, stated=back, failed=("c",), **away)  # nothing could be computed there
+    assert not enclosed(2, stated=back, **away)  # without settings nothing says where it lies
+    # Four corners and their middle: every setting of a corner is one of another record, too.
+    square = {"approach_speed": [1, 2, 2, 1, 1.5], "initial_pressure": [1, 1, 2, 2, 1.5]}
+    assert not enclosed(2, stated=back, **square, **away)
+    middle = {"state": [1, 2, 3, 4, 0.3]}
+    assert enclosed(4, stated=dict.fromkeys(("state", "rate", "channel", "second", "third", "end"), [1, 2, 3, 4, 2.5]),
+                    **square, **middle)
 
 
 def test_a_repeat_encloses_a_record():

@@ -8,12 +8,12 @@ nothing of it.
 """
 
 import dataclasses as dc
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from .._errors import InputError
-from ..inference.problem import mask_records, settle
+from ..inference.problem import Solution, mask_records, settle
 from ..measurement.campaign import Campaign, thin_campaign
 from ..measurement.faults import Fault, find_blind, screen_samples
 from ..measurement.quantities import join_words
@@ -25,6 +25,9 @@ from .leave_record_out import Aside, measure_record, set_aside
 from .problem import Fitted, SelectionProblem
 from .saturation import find_saturation, tell_saturation
 from .settings import DEFAULT, SelectionSettings
+
+
+WHOLE = 100.0  # weight of the sum of the shares in a mean, against a setting: the sum is one
 
 
 @dc.dataclass(frozen=True)
@@ -101,22 +104,42 @@ def is_enclosed(selection: SelectionProblem, aside: Aside, softens: bool = True)
         names.remove("sequence")
     if names and any(selection.groups[k] == selection.groups[r] for k in kept):
         return True
-    # All settings as they are stated: what makes a wrong record fit, or the others under a wrong model, is no place.
+    settings = [records[name].to_numpy(dtype=float) for name in names if not selection.family.free_running]
+    slack = selection.settings.outliers.same
+    if _lies_among(selection, aside, settings, aside.solution):
+        return True
+    # What makes a wrong record fit may move it beyond the others: then its settings as they are stated count, where
+    # those of others make them up. At a corner of what was set nothing says that it had to be as the others are.
+    if not settings or not _is_made_up(np.stack(settings, axis=1), r, kept, slack):
+        return False
     stated = aside.solution.z.copy()
     stated[:, len(selection.records.starts):] = 0.0
     solution = selection.problem.solve(aside.solution.names, aside.solution.u, stated, moving=False)
-    if solution.failed:
-        return False
+    return not solution.failed and _lies_among(selection, aside, settings, solution)
+
+
+def _lies_among(selection: SelectionProblem, aside: Aside, settings: Sequence[np.ndarray], solution: Solution) -> bool:
+    """Whether each setting and whatever the model computes for the record lies within those of the others."""
+    r, kept, slack = aside.record, list(aside.others), selection.settings.outliers.same
     if selection.family.free_running:
         across = np.sqrt(np.mean(np.sum(solution.channels[:, :2] ** 2, axis=1), axis=-1))
         features = [np.abs(solution.state_rate).max(axis=1), across]
     else:
         series = (solution.state, solution.state_rate, *np.moveaxis(solution.channels, 1, 0))
-        features = [*(records[name].to_numpy(dtype=float) for name in names),
-                    *(np.abs(x).max(axis=1) for x in series), np.asarray(solution.end)]
-    slack = selection.settings.outliers.same
+        features = [*settings, *(np.abs(x).max(axis=1) for x in series), np.asarray(solution.end)]
     return not any(x[r] > x[kept].max() + slack * abs(x[r]) or x[r] < x[kept].min() - slack * abs(x[r])
                    for x in features)
+
+
+def _is_made_up(settings: np.ndarray, record: int, others: Sequence[int], slack: float) -> bool:
+    """Whether a record's settings, shape (records, settings), are a mean of those of others, some counting more."""
+    from scipy.optimize import nnls  # which few searches need: its import takes a fifth of a second
+
+    size = np.maximum(np.abs(settings[record]), 1e-300)
+    columns = np.vstack([(settings[list(others)] / size).T, np.full(len(others), WHOLE)])
+    wanted = np.append(settings[record] / size, WHOLE)
+    weights, _ = nnls(columns, wanted)
+    return bool(np.all(np.abs(columns @ weights - wanted) <= np.append(np.full(len(size), slack), slack * WHOLE)))
 
 
 def tell_fault(suspect: Suspect, keep: bool) -> Fault:
