@@ -175,7 +175,7 @@ class FittedModel:
     def without_scatter(self) -> "FittedModel":
         """The same with the covariance that the noise alone gives."""
         scale = np.array([self.widened.get(name, 1.0) for name in self.free])
-        return dc.replace(self, covariance=self.covariance / np.outer(scale, scale))
+        return dc.replace(self, covariance=self.covariance / np.outer(scale, scale), widened={})
 
     @property
     def ambient_pressure(self) -> float | None:

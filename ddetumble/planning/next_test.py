@@ -192,12 +192,12 @@ def design(models: str | Path | Fitted | Sequence[str | Path | Fitted], *,
     """
     question = list_confused(models)
     rivals, names = question.rivals, question.names
-    if len(rivals) == 1:  # a further record scatters as the others do: it narrows what the noise alone tells as much
-        rivals = (rivals[0].without_scatter(),)
     if length is not None and not length > 0:
         raise InputError(f"the length of a record must be positive, not {length:g}")
     chosen, extras = set_limits(rivals[0], limits), list_extras(rivals[0], channels)
-    preview = preview_test(rivals, chosen, extras, length=length)
+    # A further record scatters as those of a single model do: it is judged by what the noise alone tells.
+    plain = rivals if len(rivals) > 1 else (rivals[0].without_scatter(),)
+    preview = preview_test(plain, chosen, extras, length=length)
     proposals: list[Proposal] = []
     for k, extra in enumerate((None, *extras)):
         if extra is not None and channels is None and proposals[0].split == len(proposals[0].pairs) > 0:
@@ -370,7 +370,7 @@ def _compare(found: Distances, i: int, j: int, names: tuple[str, ...]) -> Pair:
 def _narrow(saved: FittedModel, found: Distances) -> tuple[Narrowing, ...]:
     """What one test makes of the standard deviations of a single model's parameters, which scatter widens alike before
     and after."""
-    keep, spread = found.rows[0][:, None], saved.spread()
+    keep, spread = found.rows[0][:, None], saved.without_scatter().spread()
     moved = np.asarray(profile_nuisances(found.at.shared[0] * keep, found.at.own[0] * keep))[:, : len(spread)]
     covariance = spread.T @ np.linalg.solve(np.eye(len(spread)) + moved.T @ moved, spread)
     narrowed = []

@@ -91,7 +91,8 @@ def _find_worst(selection: SelectionProblem, fitted: Fitted, out: set[int]) -> S
 
 
 def is_enclosed(selection: SelectionProblem, aside: Aside, softens: bool = True) -> bool:
-    """Whether a record lies among the others: a repeat of it, or records on both sides in all that physics may feel.
+    """Whether a record lies among the others: a repeat of it, or records on both sides in all that physics may feel,
+    with the settings that the fit gives it, or as they are stated.
 
     `softens`: whether the ball may have softened from the first test on, so that no later one repeats it.
     """
