@@ -218,6 +218,15 @@ def test_properties_of_tdms_groups_are_conditions(tmp_path):
         1e6, 1e6]
 
 
+@pytest.mark.parametrize("name", ["time", "force", "gain", "sample rate", "nothing [N]"])
+def test_a_property_is_no_channel(tmp_path, name):
+    """A number that a program wrote beside the channels under a channel's name, or any other, is left alone."""
+    settings = {"pressure [bar]": 10.0, "v [m/s]": 0.5}
+    plain, more = (dd.import_tests(write_tdms(tmp_path / "a.tdms", {"shot": clocked()}, {"shot": about}))
+                   for about in (settings, settings | {name: 3.5}))
+    assert more.samples.equals(plain.samples) and more.records.equals(plain.records)
+
+
 def test_tdms_that_is_cut_off_or_none(tmp_path):
     """A first segment that ends early, wherever, and text are told in words of ours, not in the library's."""
     path = make(tmp_path, "run.tdms")

@@ -239,9 +239,11 @@ def choose_columns(raw: RawFile, plan: Plan) -> dict[str, str]:
     for role, column in roles.items():
         if column in dropped:
             raise InputError(f"the column {column!r} is to be left out, and to be the {role}: keep one", file=raw.file)
-    guesses = {}
-    for column in raw.columns:
+    guesses, longest = {}, max(map(len, raw.columns.values()), default=0)
+    for column, cells in raw.columns.items():
         role = guess_role(column, kind)
+        if len(cells) == 1 < longest and role in (*kind.independents, kind.main, *kind.rates):
+            continue  # a single value beside channels is a setting
         named = role in plan.choices and role != "record"  # a column of the table of conditions
         if role and role not in roles and not named and column not in roles.values() and column not in dropped:
             guesses.setdefault(role, []).append(column)
