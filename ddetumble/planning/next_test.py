@@ -192,11 +192,12 @@ def design(models: str | Path | Fitted | Sequence[str | Path | Fitted], *,
     """
     question = list_confused(models)
     rivals, names = question.rivals, question.names
+    single = len(question.rivals) == 1
     if length is not None and not length > 0:
         raise InputError(f"the length of a record must be positive, not {length:g}")
     chosen, extras = set_limits(rivals[0], limits), list_extras(rivals[0], channels)
     # A further record scatters as those of a single model do: it is judged by what the noise alone tells.
-    plain = rivals if len(rivals) > 1 else (rivals[0].without_scatter(),)
+    plain = (rivals[0].without_scatter(),) if single else rivals
     preview = preview_test(plain, chosen, extras, length=length)
     proposals: list[Proposal] = []
     for k, extra in enumerate((None, *extras)):
@@ -214,7 +215,7 @@ def design(models: str | Path | Fitted | Sequence[str | Path | Fitted], *,
     # The campaign's own channels first among those that tell as many pairs apart by as few repeats.
     ranked = sorted(proposals, key=lambda one: (-one.split, one.repeats or 0, one.extra is not None))
     found = Design(rivals[0].campaign, rivals[0].family, question.verdict, names, chosen, tuple(ranked),
-                   DEFAULT.decisive, "", question.calibrations, question.reason if len(rivals) == 1 else "")
+                   DEFAULT.decisive, "", question.calibrations, question.reason if single else "")
     return _explain(found, question)
 
 
