@@ -39,7 +39,7 @@ from ddetumble.planning.distinguishability import (
 from ddetumble.planning.next_test import Narrowing, Pair, design, group_pairs
 from ddetumble.planning.setting_ranges import list_extras, set_limits
 from ddetumble.selection.explanations import fit_bias
-from ddetumble.selection.predict import SQUEEZED
+from ddetumble.selection.predict import SQUEEZED, find_squeezes
 from ddetumble.selection.problem import fit_reference, pose_selection
 from ddetumble.selection.settings import DEFAULT
 
@@ -596,3 +596,15 @@ def test_a_test_in_which_the_ball_is_pressed_flat_is_told():
     told = [design(fitted, limits={"initial_pressure": pressure, "approach_speed": "1 m/s"}).notes
             for pressure in ("20 kPa", "1 MPa")]
     assert [any(f"{SQUEEZED:.0%}" in note for note in notes) for notes in told] == [True, False]
+
+
+@pytest.mark.slow
+def test_the_search_keeps_where_the_contact_geometry_holds():
+    """Within limits of which a part presses the ball flat, of one model by its scan, of two rivals by their climb."""
+    campaign = dd.find_data() / "impact-a"
+    rivals = [dd.fit(campaign), dd.fit(campaign, effects=["wall-stiffness"])]
+    for models in (rivals[0], rivals):
+        found = design(models, limits={"initial_pressure": "20..200 kPa", "approach_speed": "0.3..3 m/s"})
+        for proposal in found.proposals:
+            conditions = {name: np.array([value]) for name, value in proposal.conditions.items()}
+            assert not find_squeezes(rivals[0].fitted_model(), ["next"], conditions)

@@ -11,7 +11,7 @@ from ddetumble import ComputationError, InputError, predict, predict_pulses
 from ddetumble.cli import main
 from ddetumble.contact.law import Ball
 from ddetumble.dynamics import simulate_impact as simulate_impact
-from ddetumble.dynamics.impact import bound_depression
+from ddetumble.dynamics.impact import bound_depression, compare_energy
 from ddetumble.effects.impact import StressSoftening, WallStiffness
 from ddetumble.exam.simulators.campaigns import write_package
 from ddetumble.exam.simulators.impact import simulate
@@ -148,6 +148,11 @@ def test_the_bound_of_the_depression_is_that_of_an_undamped_ball(speed):
     bound, diameter = bound_depression(Ball(restitution=0.5).extend(()), conditions)
     assert float(bound) == pytest.approx(deepest[1.0], rel=1e-3) and deepest[0.5] < float(bound)
     assert float(diameter) == 0.06
+    # The energy over the work up to a share of the diameter is one where the bound reaches it, and goes as v².
+    share = float(bound) / 0.06
+    law, twice = Ball(restitution=0.5).extend(()), conditions | {"approach_speed": jnp.asarray(2.0 * speed)}
+    assert float(compare_energy(law, conditions, share)) == pytest.approx(1.0, rel=1e-4)
+    assert float(compare_energy(law, twice, share)) == pytest.approx(4.0, rel=1e-4)
 
 
 def test_absurd_conditions_are_told_by_what_they_do_to_the_ball(reference):

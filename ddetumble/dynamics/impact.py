@@ -181,12 +181,27 @@ def bound_depression(law: ContactLaw, conditions: Mapping[str, Array]) -> tuple[
     $\int_0^\delta F_k\,d\delta' = m_{eff} v_1^2/2$ of a ball without damping and of an arm that does not push; infinite
     where the work up to the whole diameter is less than the kinetic energy. The law's reference model has a diameter.
     """
+    depths, work, energy, diameter = _lay_work(law, conditions)
+    return jnp.interp(energy, work, depths, right=jnp.inf), diameter
+
+
+def compare_energy(law: ContactLaw, conditions: Mapping[str, Array], share: float) -> Array:
+    r"""Kinetic energy of an impact over the work that presses the ball together by a `share` of its diameter, without
+    solving it: above one it may be pressed farther. Smooth in the conditions, unlike the depression of
+    `bound_depression`, whose curve it reads.
+    """
+    depths, work, energy, diameter = _lay_work(law, conditions)
+    return energy / jnp.interp(share * diameter, depths, work)
+
+
+def _lay_work(law: ContactLaw, conditions: Mapping[str, Array]) -> tuple[Array, Array, Array, Array]:
+    """Depressions up to the outer diameter [m], work up to each and kinetic energy [J], and the diameter [m]."""
     diameter, _ = law.start(conditions)
     depths = diameter * jnp.linspace(0.0, 1.0, 1025)
     force = jax.vmap(lambda depth: law.press(conditions, diameter, depth).elastic_force)(depths)
     work = jnp.concatenate([jnp.zeros(1), jnp.cumsum(0.5 * (force[1:] + force[:-1]) * jnp.diff(depths))])
     energy = 0.5 * law.reference.inertia() * conditions["approach_speed"] ** 2
-    return jnp.interp(energy, work, depths, right=jnp.inf), diameter
+    return depths, work, energy, diameter
 
 
 def follow(law: ContactLaw, conditions: Mapping[str, Array], last: Array, rtol: float | Array = RTOL,

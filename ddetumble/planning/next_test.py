@@ -7,8 +7,10 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any, ClassVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 from scipy.optimize import minimize
 from scipy.stats import qmc
 
@@ -16,13 +18,14 @@ from .._display import Progress
 from .._errors import ComputationError, InputError
 from .._sentences import say, tell
 from ..contact.effect import MEASURING
+from ..dynamics.impact import compare_energy
 from ..families import find_family, list_families
 from ..inference.archive import AbstractFitted, FittedModel, load, take_fitted
 from ..inference.files import AbstractWritten, list_fields, list_versions, make_plain
 from ..measurement.quantities import describe_quantity, format_plain, format_value, join_words
 from ..posterior.stacking import list_numbered, read_discovery
 from ..selection.discovery import Discovery
-from ..selection.predict import SQUEEZED, find_squeezes
+from ..selection.predict import SQUEEZED, UNSTATED, find_squeezes, take_ball
 from ..selection.result import EXPLANATIONS, OPEN, RESULT
 from ..selection.settings import DEFAULT
 from .distinguishability import (
@@ -48,6 +51,10 @@ EDGE = 5e-3  # fraction of its range within which a condition stands at a limit:
 # Tests that climb together, and those looked at before the climb: more find a better one more often, at their price.
 STARTS, SCAN = 8, 32
 CLIMB = 20  # iterations: more refine the optimum, at the price of time
+CLOSE = 0.9  # of the depression up to which the contact geometry holds, from which the search is said to stop there
+# Of a test in which the ball is pressed farther than its geometry holds: so high that the climb ends at the border, and
+# the share of the energy [1] by which it stays inside of it, so that rounded conditions do so too.
+PENALTY, INSIDE = 1e3, 0.03
 ROUNDS, SHRINK = 4, 0.45  # of the search without a gradient: in them its step shrinks to 4 % of the first
 
 Fitted = AbstractFitted | FittedModel
@@ -199,6 +206,7 @@ def design(models: str | Path | Fitted | Sequence[str | Path | Fitted], *,
     # A further record scatters as those of a single model do: it is judged by what the noise alone tells.
     plain = (rivals[0].without_scatter(),) if single else rivals
     preview = preview_test(plain, chosen, extras, length=length)
+    excess = _measure_excess(preview, rivals[0])
     proposals: list[Proposal] = []
     for k, extra in enumerate((None, *extras)):
         if extra is not None and channels is None and proposals[0].split == len(proposals[0].pairs) > 0:
@@ -208,7 +216,7 @@ def design(models: str | Path | Fitted | Sequence[str | Path | Fitted], *,
             progress(f"looking for {what}", 0.1 + 0.85 * k / (1 + len(extras)))
         mask = np.array([c in rivals[0].channels or (extra is not None and c in extra.channels)
                          for c in preview.channels], dtype=float)
-        x, worth = search_conditions(preview, mask)
+        x, worth = search_conditions(preview, mask, excess)
         if worth <= 0.0 and part_rivals(preview, x[None], mask, 0).failed.any():
             raise ComputationError("the models could not be integrated within these limits: check them")
         proposals.append(_propose(preview, mask, x, extra, names, rivals[0]))
@@ -272,9 +280,36 @@ def _ask(rivals: Sequence[FittedModel], verdict: str, settings: Sequence[str | N
                     tuple(record for records in doubtful for record in records))
 
 
-def search_conditions(preview: Preview, mask: np.ndarray) -> tuple[np.ndarray, float]:
+Excess = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+def _measure_excess(preview: Preview, saved: FittedModel) -> Excess | None:
+    """Of tests at fractions of the free limits, shape (tests, free): the logarithm of the energy over that which
+    presses the ball as far as its geometry holds, and its slopes; None where there is no ball.
+    """
+    law = take_ball(saved)
+    if law is None or "approach_speed" not in preview.names:
+        return None
+
+    def measure(x: Array) -> Array:
+        values = preview.place(x)
+        conditions = {name: jnp.asarray(value) for name, value in UNSTATED.items()}
+        conditions |= {name: values[k] for k, name in enumerate(preview.names)}
+        return jnp.log(compare_energy(law, conditions, SQUEEZED)) + INSIDE
+
+    compiled = jax.jit(jax.vmap(jax.value_and_grad(measure)))
+
+    def excess(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        value, slope = compiled(jnp.asarray(x))
+        return np.maximum(np.asarray(value), 0.0), np.where(np.asarray(value)[:, None] > 0, np.asarray(slope), 0.0)
+
+    return excess
+
+
+def search_conditions(preview: Preview, mask: np.ndarray, excess: Excess | None = None) -> tuple[np.ndarray, float]:
     """The conditions that are worth most, as fractions of the free limits, and the worth there (0 where nothing could
-    be computed); `mask` is 1 for channels that count.
+    be computed); `mask` is 1 for channels that count. Of each test `PENALTY` times the square of its `excess` is taken,
+    if given.
 
     Of rivals: L-BFGS-B on the separation, from the best conditions of a scan. All starts climb together: their sum is
     one objective whose gradient falls apart into theirs, so that one compiled program serves every step. Of one model:
@@ -283,7 +318,8 @@ def search_conditions(preview: Preview, mask: np.ndarray) -> tuple[np.ndarray, f
     free, alone = len(preview.free), preview.base.shape[0] == 1
 
     def value(x: np.ndarray) -> np.ndarray:
-        return value_information(preview, x, mask) if alone else value_separation(part_rivals(preview, x, mask))[0]
+        worth = value_information(preview, x, mask) if alone else value_separation(part_rivals(preview, x, mask))[0]
+        return worth if excess is None else worth - PENALTY * excess(x)[0] ** 2
 
     if free == 0:
         return np.zeros(0), float(value(np.zeros((1, 0)))[0])
@@ -295,7 +331,11 @@ def search_conditions(preview: Preview, mask: np.ndarray) -> tuple[np.ndarray, f
     starts = places[np.argsort(-values, kind="stable")[:STARTS]]
 
     def loss(flat):
-        worth, slope = value_separation(part_rivals(preview, flat.reshape(starts.shape), mask))
+        x = flat.reshape(starts.shape)
+        worth, slope = value_separation(part_rivals(preview, x, mask))
+        if excess is not None:
+            over, change = excess(x)
+            worth, slope = worth - PENALTY * over**2, slope - 2.0 * PENALTY * over[:, None] * change
         return -float(worth.sum()), -slope.ravel()
 
     found = minimize(loss, np.clip(starts, 1e-3, 1.0 - 1e-3).ravel(), jac=True, method="L-BFGS-B",
@@ -415,9 +455,13 @@ def _explain(found: Design, question: Question) -> Design:
         notes += [f"{name} leaves {one.misfit:.3g} times the noise on their campaign, which speaks against it already."
                   for name, one in zip(question.names, question.rivals, strict=True) if one.misfit is not None]
     conditions = {name: np.array([value]) for name, value in best.conditions.items()}
+    squeezes = find_squeezes(question.rivals[0], ["next"], conditions)
     notes += [f"The contact geometry is valid up to {SQUEEZED:.0%} of the diameter, but {squeeze} in this test, which "
               "the model does not describe: raise the lowest pressure, or lower the highest speed (`--limit`)."
-              for squeeze in find_squeezes(question.rivals[0], ["next"], conditions)]
+              for squeeze in squeezes]
+    if not squeezes and find_squeezes(question.rivals[0], ["next"], conditions, CLOSE * SQUEEZED):
+        notes.append(f"At a lower pressure or a higher speed the ball would be pressed together by more than "
+                     f"{SQUEEZED:.0%} of its diameter, where its contact geometry does not hold: the search kept away.")
     return dc.replace(found, sentence=str(sentence), notes=tuple(notes))
 
 

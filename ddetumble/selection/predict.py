@@ -42,6 +42,7 @@ SAMPLES = 200  # of a record whose times are chosen, about: a figure shows no mo
 BEYOND = 1.25  # contact times that such an impact record lasts, so that separation is in it
 LONGEST = 12  # doublings of the campaign's record length after which an impact counts as lasting: 4096 times
 SLACK = 0.02  # of a condition's value, by which it may lie outside
+UNSTATED = {"initial_pressure": 0.0, "sequence": 1.0}  # conditions of a contact that a campaign need not have
 SQUEEZED = 0.5  # of the diameter: farther in, the plate would be past the centre of the undeformed ball
 SYNONYMS = 5  # of a missing column's name that are told
 MOST = 6  # notes on conditions; the rest is counted, as a longer list is not read
@@ -593,19 +594,26 @@ class Squeeze:
                 f"the ball would be compressed by up to {1e3 * self.depression:.3g} of {size}")
 
 
-def find_squeezes(saved: FittedModel, keys: Sequence[str], settings: Mapping[str, np.ndarray]) -> tuple[Squeeze, ...]:
-    """Records whose impact would press the ball together by more than `SQUEEZED` of its diameter, under `settings`, one
-    value a record; of models without a ball there is nothing to find."""
+def take_ball(saved: FittedModel) -> ContactLaw | None:
+    """The normal contact of a fitted model that has a ball with a diameter; None of any other."""
     law = saved.law()
     law = getattr(law, "normal", law)  # of an oblique impact
-    if not isinstance(law, ContactLaw) or not float(law.reference.diameter()) > 0:
+    return law if isinstance(law, ContactLaw) and float(law.reference.diameter()) > 0 else None
+
+
+def find_squeezes(saved: FittedModel, keys: Sequence[str], settings: Mapping[str, np.ndarray],
+                  share: float = SQUEEZED) -> tuple[Squeeze, ...]:
+    """Records whose impact would press the ball together by more than a `share` of its diameter, under `settings`, one
+    value a record; of models without a ball there is nothing to find."""
+    law = take_ball(saved)
+    if law is None:
         return ()
     found = []
     for i, key in enumerate(keys):
-        here = {"initial_pressure": 0.0, "sequence": 1.0} | {name: float(v[i]) for name, v in settings.items()}
+        here = UNSTATED | {name: float(v[i]) for name, v in settings.items()}
         bounds = bound_depression(law, {name: jnp.asarray(value) for name, value in here.items()})
         depression, diameter = map(float, bounds)
-        if depression > SQUEEZED * diameter:
+        if depression > share * diameter:
             found.append(Squeeze(key, depression, diameter))
     return tuple(found)
 
