@@ -4,6 +4,7 @@ import dataclasses as dc
 import json
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -21,13 +22,14 @@ from ddetumble.dynamics.collision import simulate_collision
 from ddetumble.dynamics.surfaces import Debris, make_debris, make_polytope
 from ddetumble.planning.errors import err_problem
 from ddetumble.planning.execution import draw_errors, follow_errors, try_errors
+from ddetumble.planning.measured import find_assumed
 from ddetumble.planning.plan import Plan, PlanSettings
 from ddetumble.planning.plausibility import check_scenario
 from ddetumble.planning.prices import REACHED, Price, list_reached, name_narrowed, price_limits, price_sequence
 from ddetumble.planning.problem import Goal, Limits, StrikeProblem, drift, measure_share, score
 from ddetumble.planning.rules import compare_rules
 from ddetumble.planning.scenario import pose_laws, pose_problem
-from ddetumble.planning.scenario_file import ErrorTable, read_scenario
+from ddetumble.planning.scenario_file import ErrorTable, read_scenario, validate_scenario
 from ddetumble.planning.sequence import Joint, add_up
 from ddetumble.planning.single import compute_impact, compute_slopes, plan_strike
 from ddetumble.planning.uncertainty import find_tail
@@ -63,6 +65,17 @@ def held():
     """A plan that the arm's speed holds, and its problem."""
     problem = pose([0.05, 0.02, 0.03], 0.2, speed=0.3)
     return problem, plan_strike(problem, starts=2)
+
+
+@pytest.mark.parametrize(("ball", "law", "assumed"), [
+    ("", Ball(), 0.218), ("friction = 0.218\n", Ball(), None), ("friction = 0.0\n", Ball(), None),
+    ("", Striker(Ball(), CoulombFriction(0.3), tangential_mass=2.0, rolling_mass=0.3).extend(()), None)])
+def test_a_friction_that_nothing_says_is_told(tmp_path, ball, law, assumed):
+    """Neither the scenario nor a fit of straight impacts says it; one of oblique impacts does."""
+    (tmp_path / "case.toml").write_text(f"{SCENARIO}[ball]\n{ball}", encoding="utf-8")
+    scenario, models = read_scenario(tmp_path / "case.toml"), [SimpleNamespace(law=lambda: law)]
+    assert find_assumed(scenario, models) == assumed
+    assert find_assumed(validate_scenario(scenario), models) == assumed
 
 
 def test_an_offset_centre_is_a_shifted_surface():

@@ -76,6 +76,14 @@ def find_rivals(scenario: Scenario, here: Path) -> tuple[FittedModel, ...]:
     return tuple(model for models in _find_fits(scenario, here).values() for _, model, _ in models)
 
 
+def find_assumed(scenario: Scenario, models: Sequence[FittedModel]) -> float | None:
+    """Coefficient of friction that is taken because neither a scenario nor a fit to oblique impacts among its contact's
+    models says anything of friction; None where one does.
+    """
+    said = scenario.ball.friction_model or "friction" in scenario.ball.model_fields_set
+    return None if said or any(isinstance(one.law(), StrikeLaw) for one in models) else scenario.ball.friction
+
+
 def _find_fits(scenario: Scenario, here: Path) -> dict[str, list[tuple[str, FittedModel, float]]]:
     """Name, model and weight of every rival, by folder as the scenario names it."""
     fits = () if scenario.uncertainty is None else scenario.uncertainty.fit

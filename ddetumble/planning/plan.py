@@ -23,6 +23,7 @@ from .measured import (
     MeasuredRange,
     Misfit,
     confine,
+    find_assumed,
     find_contacts,
     find_measured_ranges,
     find_rivals,
@@ -112,6 +113,8 @@ class Plan(AbstractPrinted):
         doubts: sizes in the scenario that should be asked about.
         title, source: of the scenario; '' without one.
         surroundings: fitted models of the contact whose tests were made under another ambient pressure.
+        assumed_friction: coefficient of friction that a scenario took as it says nothing of friction; None where the
+            scenario, or a fit, says it.
     """
 
     problem: StrikeProblem
@@ -132,6 +135,7 @@ class Plan(AbstractPrinted):
     source: str = ""
     fits: Mapping[str, str] = dc.field(default_factory=dict)
     surroundings: tuple[Surroundings, ...] = ()
+    assumed_friction: float | None = None
 
     def __repr__(self) -> str:
         return f"<Plan of {len(self.impacts)} impacts>"
@@ -219,6 +223,8 @@ class Plan(AbstractPrinted):
                 last=format_time(found.instants[-1], find_end(found)) if found.instants else "",
                 relaxed=[(one, round_loosely(one.needed, one.needed > one.given)) for one in found.relaxations],
                 axial=axial, sphere=axial and len(self.problem.debris.surface.find_pivots()) == 3, cheap=LEAST_PRICE),
+            say("plan.assumed_friction", coefficient=self.assumed_friction)
+            if self.assumed_friction is not None and self.impacts else "",
             warn_of_extrapolation(self.ranges, self.impacts, self.problem.conditions)]
         return " ".join(str(one) for one in told if one)
 
@@ -328,7 +334,8 @@ def plan_scenario(scenario: Scenario, here: Path, path: Path | None = None, *, p
         laws = pose_laws(scenario, here)
         problem = pose_problem(scenario, here, laws)
         contacts, doubts = find_contacts(scenario, here), check_scenario(scenario, here)
-        surroundings = list_surroundings(find_rivals(scenario, here), problem.law.effects)
+        rivals = find_rivals(scenario, here)
+        surroundings, assumed = list_surroundings(rivals, problem.law.effects), find_assumed(scenario, rivals)
     if progress is not None:  # before minutes are spent on a wrong unit
         for doubt in doubts:
             progress(str(doubt), math.nan)
@@ -341,7 +348,7 @@ def plan_scenario(scenario: Scenario, here: Path, path: Path | None = None, *, p
     try:
         with error_place(file=path):
             found = dc.replace(_plan(problem, dc.replace(settings, **changes), laws, contacts, progress=progress),
-                               surroundings=surroundings)
+                               surroundings=surroundings, assumed_friction=assumed)
     except ComputationError as error:
         if not doubts:
             raise
