@@ -4,20 +4,22 @@ import dataclasses as dc
 
 import numpy as np
 import pytest
-from helpers_statistics import PRESSURES, SD, SPEEDS, fit_toy, make_selection
+from helpers_statistics import PRESSURES, SD, SPEEDS, TIME, fit_toy, make_selection
 from helpers_tumble import CHANNELS, NOISE, make_law, make_long, move
+from scipy.linalg import null_space
+from scipy.stats import multivariate_normal
 
 import ddetumble as dd
 from ddetumble.contact.torque import RigidBody
 from ddetumble.exam.simulators.noise import draw_noise
 from ddetumble.inference import variance_components
 from ddetumble.inference.noise import Noise
-from ddetumble.inference.variance_components import WanderSettings, find_slow_noise
+from ddetumble.inference.problem import shift_clocks
+from ddetumble.inference.variance_components import WanderSettings, find_slow_noise, weigh_quiet
 from ddetumble.selection.problem import fit_reference, pose_selection
 
 
 CONDITIONS = [(v, p) for v in SPEEDS for p in PRESSURES] * 2
-WORTH = 6.0
 
 
 def wander(seed, size, slow):
@@ -32,7 +34,7 @@ def wander(seed, size, slow):
 def look(seed, spoil=None, **options):
     """The noise of the force after a look for a baseline under the reference model."""
     selection, fitted = fit_toy(make_selection(seed, conditions=CONDITIONS, spoil=spoil, **options))
-    return find_slow_noise(selection.records, fitted.solution, selection.noise, WORTH).noise["normal_force"]
+    return find_slow_noise(selection.records, fitted.solution, selection.noise).noise["normal_force"]
 
 
 def lose(square, slow, parts, power=1.0):
@@ -95,7 +97,7 @@ def spoil_rates(torque, size):
 def look_at_rates(torque, size):
     """The noise of such records after a look for a baseline."""
     selection, fitted = fit_reference(pose_selection(spoil_rates(torque, size), RigidBody()))
-    return find_slow_noise(selection.records, fitted.solution, selection.noise, WORTH)
+    return find_slow_noise(selection.records, fitted.solution, selection.noise)
 
 
 @pytest.mark.slow
@@ -118,6 +120,41 @@ def test_a_baseline_is_found(size, slow):
         assert found.sd == SD["normal_force"] and not found.is_white
 
 
+@pytest.mark.parametrize(("size", "slow"), [(0.1, 0.15), (0.2, 0.3), (0.4, 0.6)])
+def test_what_is_slow_during_contact_alone_is_no_baseline(size, slow):
+    """The same walks, of two to eight times the noise, while something presses on the gauge, as physics would leave."""
+    for seed in range(4):
+        def spoil(measured, stated, seed=seed):
+            before = measured.copy()
+            wander(seed, size, slow)(measured, stated)
+            resting = (TIME < 0) | (TIME > 1)
+            measured[..., resting] = before[..., resting]
+        assert look(seed, spoil).slow_sd == 0.0
+
+
+def test_readings_without_contact_speak_for_a_baseline_or_against_it():
+    """They are likelier beside the baseline that is there, and less likely beside one that is not, the larger the more;
+    by as much as normal densities of the readings less their mean say."""
+    for seed, real in ((0, True), (1, False)):
+        selection, fitted = fit_toy(make_selection(seed, conditions=CONDITIONS, spoil=wander(seed, 0.2, 0.3) if real
+                                                   else None))
+        known, at = selection.noise["normal_force"], fitted.solution
+        gains = [weigh_quiet(selection.records, at, dc.replace(known, slow_sd=size, slow_time=0.3), 0)
+                 for size in (0.0, 0.05, 0.2)]
+        assert gains[0] == 0.0 and (10.0 < gains[1] < gains[2] if real else -2.0 > gains[1] > gains[2])
+        time, expected = np.asarray(selection.records.stack.time), 0.0
+        residual = at.channels[:, 0] - np.asarray(selection.records.stack.values)[:, 0]
+        for r in range(selection.records.count):
+            end, touch = float(at.end[r]), float(shift_clocks(selection.records, at)[r])
+            kept = (time[r] < min(touch, 0.0) - 1e-4) | (time[r] > end + 0.25 * (end - touch))
+            lag, basis = time[r, kept][:, None] - time[r, kept], null_space(np.ones((1, int(kept.sum()))))
+            for sign, size in ((1.0, 0.2), (-1.0, 0.0)):
+                covariance = dc.replace(known, slow_sd=size, slow_time=0.3).covariance(lag)
+                expected += sign * multivariate_normal(cov=basis.T @ covariance @ basis).logpdf(
+                    basis.T @ residual[r, kept])
+        assert gains[2] == pytest.approx(expected, rel=1e-8)
+
+
 @pytest.mark.parametrize("rho", [0.0, 0.5])
 def test_no_baseline_is_found_in_noise(rho):
     """White or correlated as it is known to be: none of 15 campaigns has one."""
@@ -125,7 +162,7 @@ def test_no_baseline_is_found_in_noise(rho):
         selection = make_selection(seed, conditions=CONDITIONS, rho=rho)
         known = {"normal_force": make_known(rho)}
         selection, fitted = fit_toy(selection.restack(known))
-        assert find_slow_noise(selection.records, fitted.solution, known, WORTH).noise == known
+        assert find_slow_noise(selection.records, fitted.solution, known).noise == known
 
 
 def make_known(rho):

@@ -284,7 +284,7 @@ def _allow_wander(pose: Callable[[Mapping[str, Noise]], Problem], problem: Probl
         return as_it_is
     for _ in range(settings.rounds):
         report("looking whether baselines wander", 0.92)
-        slow = find_slow_noise(problem.records, best.solution, noise, settings.worth)
+        slow = find_slow_noise(problem.records, best.solution, noise, settings)
         if slow.noise == dict(noise) or slow.roughness < -settings.smooth:
             return as_it_is
         problem = pose(slow.noise)

@@ -551,7 +551,7 @@ def allow_wander(path: Path, report: Progress = stay_silent) -> Path:
     if not last.lack.rejected or not (running or selection.measure_repeats(last.fitted.solution) is not None):
         return path
     limits, wander = selection.settings, selection.settings.wander
-    slow = find_slow_noise(selection.records, last.fitted.solution, selection.noise, wander.worth)
+    slow = find_slow_noise(selection.records, last.fitted.solution, selection.noise, wander)
     if slow.noise == selection.noise or (running and slow.roughness < -wander.smooth):
         return path
     report("allowing for baselines that wander", 0.875)
