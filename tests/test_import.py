@@ -371,6 +371,15 @@ def test_names(tmp_path):
         import_tests(tmp_path, name_pattern="{pad}_{initial_pressure}MPa")
 
 
+def test_a_trigger_says_nothing_of_a_contact_that_was_looked_for(tmp_path):
+    """The time is no surer than the contact was found, whatever the trigger is; a larger stated error counts."""
+    path = write(tmp_path / "a.csv", raw_text(raw_trace(), ["t [s]", "Fz [N]"]))
+    found = import_tests(path, **CONDITIONS).uncertainty("time").absolute
+    small, large = (import_tests(path, uncertainty=f"time={text}", **CONDITIONS) for text in ("0.1 us", "2 ms"))
+    assert small.uncertainty("time").absolute == pytest.approx(found) and large.uncertainty("time").absolute == 2e-3
+    assert sum("--onset" in note for note in small.notes) == 1 and not any("--onset" in note for note in large.notes)
+
+
 def test_given_onset(tmp_path):
     time, force = raw_trace()
     path = write(tmp_path / "a.csv", raw_text([time, force], ["t [s]", "Fz [N]"]))

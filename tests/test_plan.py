@@ -52,7 +52,7 @@ from ddetumble.planning.sequence import (
     refine_sequence,
     total,
 )
-from ddetumble.planning.single import certify, make_plan, plan_strike
+from ddetumble.planning.single import EVEN, certify, compute_impact, make_plan, plan_strike
 from ddetumble.reports.plan import follow_plan
 from docs.plan_search import draw_scenario
 
@@ -88,6 +88,16 @@ def test_a_flat_spin_ends_in_one_impact(flat):
     # The moment is that of the impulse: no friction, so it is normal to the side or end that was struck.
     taken = np.asarray(plan.collision.angular_momentum)
     np.testing.assert_allclose(taken, 0.0, atol=0.05)
+
+
+def test_of_plans_that_are_as_good_the_earliest_is_taken():
+    """A flat spin of eight half turns in the window: in each of them one impact ends it."""
+    problem = pose([0.4, 0.0, 0.0], force=1e5, speed=5.0, window=[0.0, 60.0])
+    plan = plan_strike(problem, starts=8)
+    instants = {float(read_design(problem, jnp.asarray(face), jnp.asarray(x)).instant):
+                compute_impact(problem, face, x)[0] for face, x in plan.others}
+    even = [instant for instant, worth in instants.items() if worth - plan.score <= EVEN * plan.untouched]
+    assert len(even) > 1 and float(plan.design.instant) < min(even)
 
 
 def test_axial_momentum_stays_without_friction():

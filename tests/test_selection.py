@@ -35,7 +35,9 @@ from ddetumble.inference.stack import Records
 from ddetumble.measurement.package import read_campaign
 from ddetumble.selection import forward_selection
 from ddetumble.selection.cross_validation import compare_losses, forecast, leave_out
+from ddetumble.selection.explanations import list_rivals
 from ddetumble.selection.forward_selection import (
+    CandidateFits,
     FittedStep,
     Path,
     could_have_shown,
@@ -551,3 +553,26 @@ def test_a_loss_that_one_step_puts_far_off_is_that_of_a_fit(tmp_path):
     loose = selection.fit(both, [start], reference.solution.u, reference.solution.z, screening=True)
     np.testing.assert_array_equal(loose.loss, leave_out(loose.solution, selection.groups))
     assert selection.refit_far_off(loose).score < 0.1 * max(loose.score, 20.0 * count)
+
+
+def test_rivals_of_an_earlier_step_have_what_was_added_since():
+    """An echo in place of the ripple, beside the settling that came after both; what was left out does nothing."""
+    truth = {"ripple.a": 0.6, "settling.a": 0.5}
+    selection, reference = fit_toy(make_selection(1, truth, effects=(Ripple, Echo, Settling)))
+    ripple, echo = (selection.extend(reference, (effect,)) for effect in ("ripple", "echo"))
+    both = selection.extend(ripple, ("ripple", "settling"))
+    tried = CandidateFits({}, {"ripple": ripple, "echo": echo}, reference, ("ripple", "echo"))
+    later = CandidateFits({}, {"settling": both}, ripple, ("settling",))
+    steps = [FittedStep(reference, None, []), FittedStep(ripple, None, [], tried, (("echo", 0.0, 1.0),)),
+             FittedStep(both, None, [], later)]
+    (rival,) = list_rivals(selection, steps)
+    assert rival.effects == ("echo", "settling")
+    ripples = [slot.owner == "ripple" for slot in selection.space.slots]
+    assert rival.solution.u[ripples] == selection.start[ripples]
+    # It is the fit of these two from nothing.
+    alone = selection.extend(reference, ("echo", "settling"))
+    assert rival.solution.chi2 == pytest.approx(alone.solution.chi2, rel=1e-6)
+    assert list_rivals(selection, steps[:2]) == [echo]
+    # What was exchanged since is none of the last model's, whatever was said of it.
+    gone = selection.extend(reference, ("settling",))
+    assert list_rivals(selection, [*steps[:2], FittedStep(gone, None, [], later)]) == []

@@ -142,7 +142,7 @@ def discover_effects(
         again = [campaign, *(["-m", model] if model != "paper" else []), "--effort", str(result.more_effort)]
         typer.echo(f"To search on: ddetumble discover {shlex.join([*again, '-o', f'{target}-{result.more_effort}'])}")
     where = shlex.quote(str(target))
-    if len(result.explanations) > 1 or result.steps[-1].alternatives:
+    if len(result.explanations) > 1 or result.rivals:
         typer.echo(f"The test that tells them apart: ddetumble design {where}")
     elif result.verdict in ("explained", "nothing-missing"):
         typer.echo(f"Other conditions: ddetumble predict {where} CONDITIONS.csv -o predictions.csv")

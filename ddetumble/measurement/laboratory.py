@@ -457,6 +457,13 @@ def _assemble(tests: list[RawTest], plan: Plan, options: dict, noise: dict[str, 
         raise InputError(f"there is no {unknown}; the campaign has {', '.join(units)}", option="--describe")
     shared = {name: Uncertainty(float(f"{sd:.4g}")) for name, sd in common.items()} | shared
     for name in (independent, *channels):
+        stated = own.get(name)
+        if stated is not None and name == independent and common and (stated.absolute or 0.0) < noise.get(name, 0.0):
+            # The contact was looked for in the traces: what the trigger is good for says nothing of that.
+            own[name] = Uncertainty(float(f"{noise[name]:.4g}"))
+            plan.notes.append(f"The contact was looked for in the traces and found to {noise[name] * 1e3:.2g} ms, so "
+                              f"that the {name} is no surer than that ({(stated.absolute or 0.0) * 1e3:.2g} ms is "
+                              "stated). Where the trigger marks first touch, give its instant: --onset '0 ms'.")
         if name in own:
             continue
         if noise.get(name, 0.0) > 0:

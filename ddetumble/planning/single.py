@@ -25,6 +25,9 @@ BINDING = 1e-4
 ALLOWED = 1e-5  # by which a scaled constraint may be missed: its tolerance
 LOST = 10.0  # score of what cannot be computed: far above that of any strike
 GAINED = 1e-5  # of the score, below which a descent that is begun again where it ended is at its end
+# Share of the score before, within which two designs are as good, as the search itself leaves that open: the earlier
+# one is struck, as what is not known of the motion grows with time.
+EVEN = 5e-4
 ROUNDS = 4  # descents from one start at most: narrow valleys took three
 BEST = 2  # ends of descents that are begun again
 STEPS = 40  # of the quadratic programme at most: it ends by itself well before, or has no optimum near
@@ -207,7 +210,7 @@ def plan_strike(problem: StrikeProblem, *, starts: int = STARTS, seed: int = 0, 
     """Plan one impact.
 
     Where nothing worth its while is found, or closed forms see a much better design than the one that is, it is
-    searched for again from other and more starts, `WIDER` times at most.
+    searched for again from other and more starts, `WIDER` times at most. Of designs as good the earliest is taken.
 
     Args:
         problem: what is given, allowed and wanted.
@@ -255,7 +258,14 @@ def plan_strike(problem: StrikeProblem, *, starts: int = STARTS, seed: int = 0, 
     if not ends:
         raise ComputationError("no impact could be planned: the contact could not be integrated to separation from "
                                "any start")
-    _, _, face, x, values = ends[0]
+    even = [end for end in ends if end[0] == ends[0][0] and end[1] - ends[0][1] <= EVEN * untouched]
+    first = min(even, key=lambda end: float(read_design(problem, jnp.asarray(end[2]), jnp.asarray(end[3])).instant))
+    if all(first is not end for end in ends[:BEST]):
+        again = finish(first[2], first[3], ROUNDS, "descent again from the earliest of those that are as good")
+        first, late = again or first, first
+        ends = [first if end is late else end for end in ends]
+    ends = [first, *(end for end in ends if end is not first)]
+    _, _, face, x, values = first
     value, slopes = (np.asarray(one) for one in evaluate_slopes(problem, jnp.asarray(face), jnp.asarray(x)))
     [certificate] = certify(lambda z: float(evaluate(problem, jnp.asarray(face), jnp.asarray(z))[0]), value, slopes,
                             find_bounds(problem, face), x)

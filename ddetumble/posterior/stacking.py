@@ -155,7 +155,7 @@ def average(source: Campaign | str | Path | AbstractRivals | Sequence[Fit], mode
 
     Args:
         source: fits of one campaign (`[found.best, *found.rivals]`); a discovery, or a folder that `discover` wrote,
-            whose model and those that its last step could not tell from it are the rivals; or a campaign or its folder.
+            whose model and those that it could not tell from that are the rivals; or a campaign or its folder.
         models: the rivals, where the source is a campaign: of each the effects that extend the reference model, as a
             list, or as a text with commas; `none` for the reference model alone.
         model: reference model, as for `fit`.
@@ -230,7 +230,7 @@ def split_effects(text: str) -> tuple[str, ...]:
 
 
 def read_discovery(folder: Path) -> tuple[list[FittedModel], str]:
-    """The model of a folder that `discover` wrote, those that its last step could not tell from it, and the verdict.
+    """The model of a folder that `discover` wrote, those that it could not tell from that, and the verdict.
 
     Raises:
         InputError: The files are damaged, of something else, or not all there.

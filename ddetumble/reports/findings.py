@@ -403,8 +403,7 @@ def _show_judgement(discovery: Discovery) -> Section:
 
 def _show_next(discovery: Discovery) -> Section:
     """Commands that go on from the verdict."""
-    last = discovery.steps[-1].alternatives if discovery.steps else ()
-    rivals = max(len(discovery.explanations), 1 + len(last))
+    rivals = max(len(discovery.explanations), 1 + len(discovery.rivals))
     return Section("What next", points=tell(
         "verdict.next", verdict=discovery.verdict, rivals=rivals if rivals > 1 else 0,
         effects=list(map(q.clean, discovery.effects)), plans=find_family(discovery.family).has_contact,

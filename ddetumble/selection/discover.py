@@ -30,7 +30,7 @@ from .bias import SettingBias, find_bias, join_alike, matches_effects, stand_in
 from .describe import describe_candidates, describe_noise, describe_spread, describe_step, list_loose, make_fit
 from .discovery import Discovery
 from .effort import Effort, limit_effort, may_search
-from .explanations import list_added, list_explanations
+from .explanations import list_added, list_explanations, list_rivals
 from .forward_selection import (
     FittedStep,
     Path,
@@ -142,7 +142,7 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     candidates = describe_candidates(selection, end.dropped or steps, path.tried)
     last, campaign, rejected = steps[-1], selection.campaign, steps[0].lack.rejected
     doubts = list_doubts(verdict, candidates, questions, end.unphysical, settings) if rejected else ()
-    rivals = [last.tried.refined[e] for e, _, _ in last.alternatives] if last.tried is not None else []
+    rivals = list_rivals(selection, steps)
     made = (tuple(partial(make_fit, selection, step.fitted, name, verdict) for step in steps),
             tuple(partial(make_fit, selection, rival, name, verdict) for rival in rivals))
     unsure = (questions or end.irregular or end.unrepeated or end.stopped or end.rounding is not None

@@ -120,7 +120,7 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
 
     @functools.cached_property
     def rivals(self) -> tuple[Fit, ...]:
-        """Models that the last step could not be told from, as `fit` returns one."""
+        """Models that the last one could not be told from, as `fit` returns one."""
         return tuple(make() for make in self.made[1])
 
     @functools.cached_property
@@ -201,7 +201,7 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
     def save(self, folder: Path | str) -> Path:
         """Write `result.json`, and `model.json` with the grown model for `predict`, into a folder; returns the first.
 
-        Every model that the last step could not tell from the best one is written to `rivals/NUMBER/model.json`, and
+        Every model that could not be told from the best one is written to `rivals/NUMBER/model.json`, and
         every one of the `explanations` to `explanations/NUMBER/model.json`.
 
         Raises:

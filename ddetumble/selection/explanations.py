@@ -41,10 +41,36 @@ def list_added(steps: Sequence[FittedStep]) -> Added:
     """
     named, others = {*steps[-1].fitted.effects}, {}
     for before, step in itertools.pairwise(steps):
-        effects = step.fitted.effects
-        added = next((e for e in effects if e not in before.fitted.effects), effects[-1])
-        others[added] = {effect for effect, _, _ in step.alternatives} - named
+        others[_find_added(before, step)] = {effect for effect, _, _ in step.alternatives} - named
     return tuple((effect, tuple(sorted(others.get(effect, ())))) for effect in steps[-1].fitted.effects)
+
+
+def _find_added(before: FittedStep, step: FittedStep) -> str:
+    effects = step.fitted.effects
+    return next((e for e in effects if e not in before.fitted.effects), effects[-1])
+
+
+def list_rivals(selection: SelectionProblem, steps: Sequence[FittedStep]) -> list[Fitted]:
+    """The models that the last one could not be told from: with its last effect exchanged, as fitted then, and with
+    an earlier one exchanged for what it was not told from when it was added, fitted beside the effects that came later.
+    """
+    last = steps[-1]
+    found = [last.tried.refined[effect] for effect, _, _ in last.alternatives] if last.tried is not None else []
+    for before, step in itertools.pairwise(steps[:-1]):
+        added = _find_added(before, step)
+        for other in sorted({effect for effect, _, _ in step.alternatives} - {*last.fitted.effects}):
+            if added not in last.fitted.effects or step.tried is None:  # exchanged since
+                continue
+            start, early = last.fitted.solution.u.copy(), step.tried.refined.get(other)
+            owners = np.array([slot.owner for slot in selection.space.slots])
+            start[owners == added] = selection.start[owners == added]  # what is left out does nothing
+            if early is not None:
+                start[owners == other] = early.solution.u[owners == other]
+            effects = tuple(other if effect == added else effect for effect in last.fitted.effects)
+            rival = selection.extend(last.fitted, effects, start)
+            if rival is not None and not is_beyond(selection, steps[0].fitted, rival):
+                found.append(rival)
+    return found
 
 
 def list_explanations(path: Path, steps: Sequence[FittedStep], biases: Sequence[SettingBias], sufficient: Sequence[str],

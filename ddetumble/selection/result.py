@@ -17,7 +17,7 @@ from .settings import DEFAULT, SelectionSettings
 ALIKE, FEWEST_ALIKE = 0.9, 3
 RESULT = "result.json"  # what `save` writes for programs
 OPEN = ("improved", "unexplained")  # verdicts that leave a misfit
-RIVALS = "rivals"  # folder of the models that the last step could not tell from the best one
+RIVALS = "rivals"  # folder of the models that could not be told from the best one
 EXPLANATIONS = "explanations"  # folder of the models between which a verdict leaves open
 
 
