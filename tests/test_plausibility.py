@@ -10,6 +10,7 @@ import pytest
 
 import ddetumble as dd
 from ddetumble.measurement.plausibility import check_numbers, find_copies
+from ddetumble.measurement.units import Uncertainty
 from ddetumble.planning.plausibility import check_scenario
 from ddetumble.planning.scenario_file import read_scenario
 
@@ -161,6 +162,16 @@ def test_a_fit_tells_of_it():
                                 fixed={"outer_diameter": 61.0}).notes
 
 
+@pytest.mark.parametrize(("size", "asked"), [(40.0, True), (4.0, False), (0.04, False)])
+def test_noise_that_is_larger_than_all_readings_is_asked_about(size, asked):
+    """Readings that all lie within one deviation of their noise are no noise's."""
+    campaign = dd.read_campaign(dd.find_data() / "slip-a")
+    column = dc.replace(campaign.channels["tangential_force"], uncertainty=Uncertainty(size))
+    doubts = dd.check_plausibility(dc.replace(campaign, channels={"tangential_force": column}))
+    assert [one.variable for one in doubts] == ["tangential_force"] * asked
+    assert np.ptp(campaign.samples["tangential_force"]) < 40.0
+
+
 def test_an_orbit_may_turn_either_way():
     assert not check_numbers({"orbit_rate": -1.1e-3})
     (doubt,) = check_numbers({"orbit_rate": -0.06})
@@ -177,6 +188,9 @@ BODY = 'schema = "ddetumble.plan/1"\n[debris]\nangular_velocity = [0.05, 0.02, 0
     ("inertia = [[1100.0, 0.0, 0.0], [0.0, 900.0, 0.0], [0.0, 0.0, 700.0]]\n", []),
     ("inertia = [[1000.0, 0.0, 0.0], [0.0, 5.0, 0.0], [0.0, 0.0, 1000.0]]\n", ["debris.inertia"]),
     ("[limits]\npressure = [10.0, 25.0]\n[arm]\nspeed = 200.0\n", ["limits.pressure", "arm.speed"]),
+    ("[errors]\nrates = 5.0\nattitude_degrees = 57.0\n", ["errors.rates", "errors.attitude_degrees"]),
+    ("[errors]\nrates = 0.1\nattitude_degrees = 20.0\nplace = 0.1\n", []),
+    ("[errors]\nplace = 20.0\nspeed = 2.0\n", ["errors.speed", "errors.place"]),
 ])
 def test_sizes_that_no_scenario_has(tmp_path, text, keys):
     """Of body, ball and arm: asked about by key, never refused."""

@@ -127,7 +127,11 @@ def read_stated(kind: RecordKind, options: Mapping[str, Any], units: Mapping[str
     """Uncertainties that options state, of each by quantity; `units` are those of what the campaign has."""
     found = []
     for option, texts in options.items():
-        pairs = {expand_role(name, kind): text for name, text in read_pairs(option, texts).items()}
+        given = read_pairs(option, texts)
+        pairs = {expand_role(name, kind): text for name, text in given.items()}
+        if len(pairs) < len(given):
+            named = [name for name in given if [expand_role(one, kind) for one in given].count(expand_role(name, kind)) > 1]
+            raise InputError(f"{join_words(named)} are one quantity: give it once", option=f"--{option}")
         if "pressure" in pairs and "pressure" not in units and kind.pressure:  # no channel is meant
             pairs = {kind.pressure: pairs.pop("pressure")} | pairs
         if "angular_velocity" in pairs and kind.rates:  # of all three axes

@@ -12,6 +12,7 @@ import numpy as np
 
 from .campaign import Campaign, Column
 from .kinds import Size, find_kind
+from .quantities import describe_quantity
 from .units import parse_unit, role_of, si_unit
 
 
@@ -88,7 +89,7 @@ def check_plausibility(campaign: Campaign) -> tuple[Implausibility, ...]:
     named on its own. Every unit that does so is named, or, if there are any, every one that brings the stiffness of the
     gas nearly right. Of a column whose unit the file states, only that unit counts as stated. Where the campaign as a
     whole is ordinary, a size of a single record that is out of all proportion is asked about. Known numbers are judged
-    each by itself, first.
+    each by itself, first; last, noise that is stated as larger than all that a channel reads.
 
     Args:
         campaign: As read or imported, SI.
@@ -98,7 +99,8 @@ def check_plausibility(campaign: Campaign) -> tuple[Implausibility, ...]:
     """
     ranges = {**RANGES, **find_kind(campaign.family).ranges}
     known = check_numbers({name: value for name, value in campaign.known.items() if value is not None})
-    return (*known, *_check_sizes(campaign, ranges))
+    # A column in a wrong unit is no longer that of its noise: one question is enough.
+    return (*known, *(_check_sizes(campaign, ranges) or _check_noise(campaign)))
 
 
 def find_copies(campaign: Campaign) -> dict[str, str]:
@@ -162,6 +164,24 @@ def _check_sizes(campaign: Campaign, ranges: Ranges) -> tuple[Implausibility, ..
     # A relation of several columns is the more doubtful: it is told only where nothing else is.
     plain = [name for name in odd if name not in relations] or odd
     return tuple(_ask(name, sizes[name], (), ranges) for name in plain)
+
+
+def _check_noise(campaign: Campaign) -> list[Implausibility]:
+    """Channels whose readings lie closer together than one standard deviation of the noise that is stated: of
+    white noise hardly one set of `ENOUGH` readings in a thousand does.
+    """
+    found = []
+    for name, column in campaign.channels.items():
+        sd = column.uncertainty.absolute if column.uncertainty is not None else None
+        readings = campaign.samples[name].dropna() if campaign.samples is not None and name in campaign.samples else ()
+        span = float(np.ptp(readings)) if len(readings) >= ENOUGH else 0.0
+        if sd is not None and 0.0 < span < sd:
+            shown = f"{sd:.4g} {column.unit}"
+            found.append(Implausibility(
+                name, sd, 0.0, span, column.unit, (), f"Noise: {shown} is stated as the uncertainty of the "
+                f"{describe_quantity(name).name}, whose readings all lie within {span:.4g} {column.unit}; is that its "
+                "unit?"))
+    return found
 
 
 def _is_within(value: float, limits: tuple[float, float]) -> bool:

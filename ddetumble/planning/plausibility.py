@@ -19,11 +19,13 @@ OFF = (0.0, 0.05)  # of the body's extent, by which the middle of an area to str
 RATE = (1e-5, 6.3)
 # Moments of inertia over those of uniform density: all mass on the surface makes 3, masts and arrays beyond it more.
 PROPORTION = (0.05, 6.0)
+FRACTION, ANGLE = (0.0, 0.5), (0.0, 45.0)  # of errors, beyond which nothing is known that a plan could be made for [°]
 
 
 def check_scenario(scenario: Scenario, here: Path) -> tuple[Implausibility, ...]:
     """Find implausible sizes in a scenario whose files lie in the folder `here`: of the body its size, density, moments
-    of inertia and angular velocity; of ball and arm pressure, mass and speed; an area to strike that lies off the body.
+    of inertia and angular velocity; of ball and arm pressure, mass and speed; an area to strike that lies off the body;
+    errors of arm and estimate that leave nothing known.
 
     Returns:
         What should be asked about, none where all is ordinary; of size and density, of which one follows from the
@@ -61,6 +63,13 @@ def check_scenario(scenario: Scenario, here: Path) -> tuple[Implausibility, ...]
                             "is that in kg?"))
     found.append(_doubt("arm.speed", "the largest speed of the arm", float(arm.speed), RANGES["approach_speed"], "m/s",
                         "is that in m/s?"))
+    found += [_doubt(f"errors.{name}", f"the error of the {what}", getattr(scenario.errors, name), FRACTION, "1",
+                     "it is a share: 0.05 is 5 %.")
+              for name, what in (("speed", "arm's speed"), ("rates", "angular velocity"), ("inertia", "inertia"))]
+    found += [_doubt(f"errors.{name}_degrees", f"the error of the {name}", getattr(scenario.errors, f"{name}_degrees"),
+                     ANGLE, "°", "is that in degrees?") for name in ("direction", "attitude")]
+    found.append(_doubt("errors.place", "the error of the place, over the body's extent", scenario.errors.place / size,
+                        FRACTION, "1", "is that in metres?"))
     return tuple({one.variable: one for one in reversed(found) if one is not None}.values())[::-1]
 
 
