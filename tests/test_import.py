@@ -1,6 +1,7 @@
 """Import of raw files: the numbers come out right, and what cannot be told is asked for by the option's name."""
 
 import os
+import re
 
 import numpy as np
 import pandas as pd
@@ -789,3 +790,30 @@ def test_a_folder_that_is_taken_names_the_option(tmp_path):
     write_campaign(tmp_path / "campaign", campaign)
     with pytest.raises(InputError, match="--overwrite"):
         write_campaign(tmp_path / "campaign", campaign)
+
+
+@pytest.mark.parametrize(("options", "place", "named"), [
+    ({"uncertainty": {"force": "0.2 N", "normal_force": "0.4 N"}}, "--uncertainty", "normal_force"),
+    ({"force": "Fzz"}, None, "'Fz'"), ({"drop": ["tt"]}, None, "'t'"),
+])
+def test_slips_of_the_pen_are_told_with_what_may_be_meant(tmp_path, options, place, named):
+    """One quantity under two names, and a heading that is nearly one of the file."""
+    path = write(tmp_path / "a.csv", raw_text(raw_trace(), ["t [s]", "Fz [N]"]))
+    with pytest.raises(InputError, match=re.escape(named)) as refused:
+        import_tests(path, **{**CONDITIONS, **options})
+    assert refused.value.option == place
+
+
+def test_a_workbook_as_its_own_table_of_conditions_needs_a_sheet(tmp_path):
+    path = write(tmp_path / "a.csv", raw_text(raw_trace(), ["t [s]", "Fz [N]"]))
+    with pytest.raises(InputError, match="SHEET") as refused:
+        import_tests(path, conditions=path)
+    assert refused.value.option == "--conditions"
+
+
+def test_a_german_heading_names_the_records(tmp_path):
+    """`Lauf` is a run, as `Versuch` is."""
+    write(tmp_path / "3.csv", raw_text(raw_trace(), ["t [s]", "Fz [N]"]))
+    write(tmp_path / "set.csv", "Lauf;Druck [bar];Geschwindigkeit [mm/s]\n3;10,5;400\n")
+    campaign = import_tests(tmp_path / "3.csv", conditions=tmp_path / "set.csv")
+    assert float(campaign.records["initial_pressure"].iloc[0]) == pytest.approx(1.05e6)

@@ -1,5 +1,6 @@
 """Which column of a laboratory's file holds which quantity: as told, by its heading, or by its unit."""
 
+import difflib
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
@@ -31,7 +32,7 @@ FRICTION_TEST = "if it is a friction test, give --family " + next(kind.name for 
 WEIGHED = "--known 'effective_mass=1.2 kg' converts"
 _COMMON = {
     "record": "record recordid test testid testno testnr testnumber run runid runno runnumber shot trial versuch "
-    "versuchnr versuchsnr versuchsnummer",
+    "versuchnr versuchsnr versuchsnummer lauf laufnr laufnummer messung messungnr messnummer",
     "time": "t time zeit temps tempo elapsedtime timestamp",
     "temperature": "temperature temp temperatur",
     "depression": "depression depth indentation compressiondepth eindrücktiefe eindringtiefe",
@@ -130,7 +131,8 @@ def read_stated(kind: RecordKind, options: Mapping[str, Any], units: Mapping[str
         given = read_pairs(option, texts)
         pairs = {expand_role(name, kind): text for name, text in given.items()}
         if len(pairs) < len(given):
-            named = [name for name in given if [expand_role(one, kind) for one in given].count(expand_role(name, kind)) > 1]
+            meant = [expand_role(name, kind) for name in given]
+            named = [name for name, one in zip(given, meant, strict=True) if meant.count(one) > 1]
             raise InputError(f"{join_words(named)} are one quantity: give it once", option=f"--{option}")
         if "pressure" in pairs and "pressure" not in units and kind.pressure:  # no channel is meant
             pairs = {kind.pressure: pairs.pop("pressure")} | pairs
@@ -296,7 +298,10 @@ def _choose_column(raw: RawFile, text: str, role: str, plan: Plan) -> str | None
         plan.taken.add(text)
     elif plan.find_in_table(role, text) is None:
         beside = "" if plan.table is None else f", and the table of conditions has {list_columns(plan.table)}"
-        raise InputError(f"there is no column {str(text).strip()!r}; the file has {list_columns(raw)}{beside}",
+        known = [*raw.columns, *(plan.table.columns if plan.table is not None else ())]
+        near = difflib.get_close_matches(str(text).strip(), known, n=1)
+        asked = f"did you mean {near[0]!r}? The" if near else "the"
+        raise InputError(f"there is no column {str(text).strip()!r}; {asked} file has {list_columns(raw)}{beside}",
                          file=raw.file)
     return column
 

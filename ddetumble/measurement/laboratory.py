@@ -304,6 +304,9 @@ def _list_files(paths, table: Path | None) -> list[str]:
             raise InputError(f"the folder holds no raw files ({', '.join(ENDINGS)})", file=path)
         files += map(str, found)
     if not files:
+        if table is not None and paths:
+            raise InputError("this is the table of conditions, and no other file is named; if it is one sheet of "
+                             f"several, write {table.name}:SHEET", option="--conditions")
         raise InputError("name at least one raw file to import")
     return files
 

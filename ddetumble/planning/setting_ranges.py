@@ -103,6 +103,8 @@ def _read_range(name: str, given: Range, source: str) -> tuple[float, float]:
     """`0.2..2 m/s`, or one value with its unit, in SI; numbers are so already. `source` is where it was given."""
     place = f"{source}{name}"
     if isinstance(given, str):
+        if re.search(r"\d,\d", given):
+            raise InputError(f"{place} needs decimal points, not commas: {given!r}")
         match = re.fullmatch(rf"\s*({NUMBER})(?:\s*\.\.\s*({NUMBER}))?\s*([^\d.].*)?", given, re.ASCII | re.DOTALL)
         # A range as people write it, perhaps with its unit at both ends: `0.1-0.3 m/s`, `0.1 m/s to 0.3 m/s`.
         loose = re.fullmatch(
