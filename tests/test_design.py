@@ -138,6 +138,8 @@ def test_limits_in_numbers(rivals):
     for wrong in ((5.0,), (5.0, 20.0, 30.0), (None, 5.0), {"low": 5.0}, ("5 m", "20 m"), ("5", "20")):
         with pytest.raises(InputError):
             set_limits(saved, {"normal_load": wrong})
+    with pytest.raises(InputError, match="twice"):
+        design([rivals, rivals])
     with pytest.raises(InputError, match="decimal point"):
         set_limits(saved, ["load=0,5..20 N"])
     with pytest.raises(InputError, match="is not a fitted model"):

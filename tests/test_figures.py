@@ -288,6 +288,7 @@ def test_time_is_shown_in_one_unit(hours, unit):
 @pytest.mark.parametrize("time, longest, text", [
     (0.0053, None, "5.3 ms"), (53.0, None, "53 s"), (7200.0, None, "7200 s"), (14400.0, None, "4 h"),
     (-0.4, 60.0, "-0.4 s"), (0.4, 0.9, "400 ms"), (3600.0, 36000.0, "1 h"),
+    (1e-11, 0.02, "0 ms"), (0.01, 60.0, "0.01 s"),
 ])  # fmt: skip
 def test_times_have_the_unit_of_their_record(time, longest, text):
     assert format_time(time, longest) == text

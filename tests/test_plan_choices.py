@@ -351,7 +351,7 @@ def test_a_blow_at_any_phase_may_speed_the_body_up():
     share, and what one of twenty leaves, are in the spread and in the sentence; vanishing errors add none.
     """
     problem = pose([0.02, 0.0, 0.0])
-    plan = plan_strike(problem, starts=2, seed=2)  # of another place half of the phases miss the body
+    plan = plan_strike(problem, starts=2, seed=5)  # of another place half of the phases miss the body
     none = dict.fromkeys(ErrorTable().model_dump(exclude={"draws", "plan_for"}), 0.0)
     exact, astray = (ErrorTable(draws=32, **(none | {"instant": sd})) for sd in (1e-7, 1e4))
     assert try_errors(problem, plan, exact)[-1].raised == 0.0

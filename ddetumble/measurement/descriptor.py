@@ -100,6 +100,9 @@ def find_descriptor(path) -> Path:
             path = locate_campaign(path)
             if path.is_dir():
                 if not (path / "datapackage.json").exists():
+                    if (path / "model.json").is_file():
+                        raise InputError("this folder holds a fitted model and no campaign: name the campaign of its "
+                                         "tests, and the model by -m")
                     raise InputError("there is no datapackage.json in this folder, so it is no campaign; `ddetumble "
                                      "import` makes one of the files of a test bench")
                 return path / "datapackage.json"

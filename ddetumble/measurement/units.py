@@ -303,6 +303,8 @@ def choose_time_unit(longest: float) -> tuple[str, float]:
 
 
 def format_time(time: float, longest: float | None = None) -> str:
-    """A time [s] in the unit of those up to `longest` [s], such as `3600 s`; a duration by itself in its own."""
+    """A time [s] in the unit of those up to `longest` [s], such as `3600 s`, 0 where that is a millionth of these at
+    most; a duration by itself in its own unit.
+    """
     unit, factor = choose_time_unit(abs(time) if longest is None else longest)
-    return f"{time * factor if abs(time) > ROUNDING else 0.0:.4g} {unit}"
+    return f"{time * factor if abs(time) > max(ROUNDING, 1e-6 * (longest or 0.0)) else 0.0:.4g} {unit}"

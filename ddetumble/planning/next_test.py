@@ -241,6 +241,10 @@ def list_confused(models: str | Path | Fitted | Sequence[str | Path | Fitted]) -
                     [fault.records for fault in models.faults if fault.kind == "doubtful"])
     found = [take_fitted(one) for one in (
         models if isinstance(models, Sequence) and not isinstance(models, str) else [models])]
+    twice = [str(one.folder) for k, one in enumerate(found)
+             if one.folder and any(one.folder == other.folder for other in found[:k])]
+    if twice:
+        raise InputError(f"{twice[0]} is given twice; nothing parts a model from itself")
     if len({(one.sha256, type(one.space.reference)) for one in found}) != 1:
         raise InputError("the models must be fits to one campaign that extend one reference model")
     return _ask(found, "fit" if len(found) == 1 else "undecided")
