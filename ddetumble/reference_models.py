@@ -27,6 +27,7 @@ class BuiltinModel:
     # themselves, feed energy in, or give the same motion under another restitution (Eq. 6), are none.
     rival: bool = True
     needs: tuple[str, ...] = ()  # without their values from the campaign it is no such rival: its own are of one ball
+    assumes: str = ""  # what it takes from elsewhere and no fit changes, and what to do about it, one sentence
 
     def is_rival(self, known: Mapping[str, Any]) -> bool:
         """Whether it is tried in place of another model on a campaign in which these parameters are known."""
@@ -49,6 +50,8 @@ _GAS, _HUNT = "P' = P0 V0/V'", "Hunt & Crossley 1975, J. Appl. Mech. 42, 440"
 _EQ6 = "Lankarani & Nikravesh 1990, J. Mech. Des. 112, 369"
 _EQ8 = "mu = tan(delta_L) [pi/4 K sigma_0/p_r + pi/10 (3 P'/E*)^(2/3)]"
 _EQ9 = "s_c mu_slip(s), mu_slip = a + a exp(b s) [c sinh(d s) - e cosh(d s)]"
+_SLIP = ("The slip coefficients are those that Eq. 10 gives for the paper's rubber, and the intervals take them for "
+         "exact; `-m eq10` fits them to these records.")
 MODELS: dict[str, BuiltinModel] = {
     "paper": BuiltinModel(
         "Eqs. 2 to 5 with a constant perimeter (b = pi depression/4), the core counted once, exact damping.",
@@ -90,11 +93,11 @@ MODELS: dict[str, BuiltinModel] = {
 SLIP_MODELS: dict[str, BuiltinModel] = {
     "paper": BuiltinModel(
         "Eqs. 8 to 11 with e = 1: friction at zero slip is that of Eq. 8 alone.",
-        f"f = mu F_n, {_EQ8} + {_EQ9}, e = 1", "the paper, Eqs. 8 to 11", _rubber),
+        f"f = mu F_n, {_EQ8} + {_EQ9}, e = 1", "the paper, Eqs. 8 to 11", _rubber, assumes=_SLIP),
     "paper-printed": BuiltinModel(
         "Eqs. 8 to 11 with e of Eq. 10 as printed: friction at zero slip is negative below 29 N.",
         f"f = mu F_n, {_EQ8} + {_EQ9}", "the paper, Eqs. 8 to 11 as printed",
-        partial(_rubber, printed=True), rival=False),
+        partial(_rubber, printed=True), rival=False, assumes=_SLIP),
     "eq10": BuiltinModel(
         "Eqs. 8 to 11 with the coefficients of Eq. 10 free (e held at 1), to be fitted to measured curves; written "
         "about 15 N (a_0 is a there), and Eq. 10's own a0, a1, b0 ... are among the derived quantities of a fit.",

@@ -180,6 +180,7 @@ def test_shipped_campaigns(name):
     found = discover(find_data() / name)
     truth = TRUTH[name]["effects"]
     assert set(found.effects) == set(truth) and found.verdict == ("explained" if truth else "nothing-missing")
+    assert any("-m eq10" in note for note in found.notes)  # what the intervals take for exact
     for effect, values in truth.items():
         for symbol, value in values.items():
             estimate = found.steps[-1].parameters[f"{effect}.{symbol}"]

@@ -215,6 +215,8 @@ def list_notes(found: Discovery, family: Family, left_out: Sequence[str], asked:
     if left_out:
         notes.append(say("verdict.not_tried", effects=[
             (e, [name_need(need, [family.kind]) for need in needs.get(e, ())]) for e in left_out]))
+    if found.model in family.models and family.models[found.model].assumes:
+        notes.append(family.models[found.model].assumes)
     notes += [say("verdict.noise", channel=channel, text=noise["text"]) for channel, noise in found.noise.items()]
     if any(not s.converged for s in found.steps):
         notes.append(say("verdict.unconverged"))
