@@ -87,7 +87,7 @@ AFTER_SCENARIO = """\
 | `relaxations` | where there is no impact: limits each of which, looser, would allow one worth its while |
 | `impacts` | a row each: place, instant, velocity, pressure, peak, impulse, momentum and rates after, certificate |
 | `refused` | the best further impact, where it is not allowed or not worth its while |
-| `contact` | what strikes: fits by folder, all parameters; `assumed_friction`: where nothing says it |
+| `contact` | what strikes: fits by folder, all parameters; `assumed`: by key what nothing says |
 | `measured` | values over which the ball's fits were measured; empty for the paper's ball |
 | `misfits` | the ball's fits that leave significantly more than the noise of their own campaign; `ratio`: how much |
 | `doubts` | sizes in the scenario that no debris, ball or arm is expected to have, with what is expected, SI |

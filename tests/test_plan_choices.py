@@ -67,15 +67,18 @@ def held():
     return problem, plan_strike(problem, starts=2)
 
 
-@pytest.mark.parametrize(("ball", "law", "assumed"), [
-    ("", Ball(), 0.218), ("friction = 0.218\n", Ball(), None), ("friction = 0.0\n", Ball(), None),
-    ("", Striker(Ball(), CoulombFriction(0.3), tangential_mass=2.0, rolling_mass=0.3).extend(()), None)])
-def test_a_friction_that_nothing_says_is_told(tmp_path, ball, law, assumed):
-    """Neither the scenario nor a fit of straight impacts says it; one of oblique impacts does."""
-    (tmp_path / "case.toml").write_text(f"{SCENARIO}[ball]\n{ball}", encoding="utf-8")
+@pytest.mark.parametrize(("text", "law", "keys"), [
+    ("", Ball(), {"ball.friction", "arm.mass"}), ("[ball]\nfriction = 0.218\n", Ball(), {"arm.mass"}),
+    ("[ball]\nfriction = 0.0\n[arm]\nmass = 8.0\n", Ball(), set()), ("[arm]\nmass = 8.0\n", Ball(), {"ball.friction"}),
+    ("", Striker(Ball(), CoulombFriction(0.3), tangential_mass=2.0, rolling_mass=0.3).extend(()), {"arm.mass"})])
+def test_what_nothing_says_is_told(tmp_path, text, law, keys):
+    """Friction that neither the scenario nor a fit of straight impacts says; the mass that the scenario does not."""
+    (tmp_path / "case.toml").write_text(f"{SCENARIO}{text}", encoding="utf-8")
     scenario, models = read_scenario(tmp_path / "case.toml"), [SimpleNamespace(law=lambda: law)]
-    assert find_assumed(scenario, models) == assumed
-    assert find_assumed(validate_scenario(scenario), models) == assumed
+    problem = pose([0.1] * 3)
+    found = find_assumed(scenario, models, problem)
+    assert set(found) == keys == set(find_assumed(validate_scenario(scenario), models, problem))
+    assert found.get("ball.friction", 0.218) == 0.218 and found.get("arm.mass", 8.0) == 8.0
 
 
 def test_an_offset_centre_is_a_shifted_surface():

@@ -93,4 +93,6 @@ def test_a_plan_in_orbit_from_a_ball_of_the_bench(tmp_path):
     dd.report(found, tmp_path / "plan")
     result = json.loads((tmp_path / "plan" / "plan.json").read_text(encoding="utf-8"))
     assert result["ambient_pressure"] == 0.0 and len(found.surroundings) == 1
-    assert result["contact"]["assumed_friction"] == found.assumed_friction == 0.218
+    assert result["contact"]["assumed"] == found.assumed
+    assert found.assumed["ball.friction"] == 0.218
+    assert found.assumed["arm.mass"] == pytest.approx(fitted.parameters["effective_mass"].estimate)

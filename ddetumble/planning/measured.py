@@ -76,12 +76,18 @@ def find_rivals(scenario: Scenario, here: Path) -> tuple[FittedModel, ...]:
     return tuple(model for models in _find_fits(scenario, here).values() for _, model, _ in models)
 
 
-def find_assumed(scenario: Scenario, models: Sequence[FittedModel]) -> float | None:
-    """Coefficient of friction that is taken because neither a scenario nor a fit to oblique impacts among its contact's
-    models says anything of friction; None where one does.
+def find_assumed(scenario: Scenario, models: Sequence[FittedModel], problem: StrikeProblem) -> dict[str, float]:
+    """What nothing says and is taken all the same, by key: the coefficient of friction where neither the scenario nor a
+    fit to oblique impacts among its contact's models says any, and the arm's apparent mass where the scenario does not
+    state it, which is that of the bench of a fit [kg].
     """
-    said = scenario.ball.friction_model or "friction" in scenario.ball.model_fields_set
-    return None if said or any(isinstance(one.law(), StrikeLaw) for one in models) else scenario.ball.friction
+    ball, found = scenario.ball, {}
+    said = ball.friction_model or "friction" in ball.model_fields_set
+    if not (said or any(isinstance(one.law(), StrikeLaw) for one in models)):
+        found["ball.friction"] = float(ball.friction)
+    if scenario.arm.mass is None:
+        found["arm.mass"] = float(problem.law.normal.reference.inertia())
+    return found
 
 
 def _find_fits(scenario: Scenario, here: Path) -> dict[str, list[tuple[str, FittedModel, float]]]:

@@ -113,8 +113,8 @@ class Plan(AbstractPrinted):
         doubts: sizes in the scenario that should be asked about.
         title, source: of the scenario; '' without one.
         surroundings: fitted models of the contact whose tests were made under another ambient pressure.
-        assumed_friction: coefficient of friction that a scenario took as it says nothing of friction; None where the
-            scenario, or a fit, says it.
+        assumed: what nothing said and was taken all the same, SI, by the scenario's key: the coefficient of friction
+            where neither the scenario nor a fit says any, the arm's apparent mass where that of the bench was taken.
     """
 
     problem: StrikeProblem
@@ -135,7 +135,7 @@ class Plan(AbstractPrinted):
     source: str = ""
     fits: Mapping[str, str] = dc.field(default_factory=dict)
     surroundings: tuple[Surroundings, ...] = ()
-    assumed_friction: float | None = None
+    assumed: Mapping[str, float] = dc.field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"<Plan of {len(self.impacts)} impacts>"
@@ -223,8 +223,8 @@ class Plan(AbstractPrinted):
                 last=format_time(found.instants[-1], find_end(found)) if found.instants else "",
                 relaxed=[(one, round_loosely(one.needed, one.needed > one.given)) for one in found.relaxations],
                 axial=axial, sphere=axial and len(self.problem.debris.surface.find_pivots()) == 3, cheap=LEAST_PRICE),
-            say("plan.assumed_friction", coefficient=self.assumed_friction)
-            if self.assumed_friction is not None and self.impacts else "",
+            say("plan.assumed", friction=self.assumed.get("ball.friction"), mass=self.assumed.get("arm.mass"),
+                bench=bool(self.fits)) if self.assumed and self.impacts else "",
             warn_of_extrapolation(self.ranges, self.impacts, self.problem.conditions)]
         return " ".join(str(one) for one in told if one)
 
@@ -335,7 +335,7 @@ def plan_scenario(scenario: Scenario, here: Path, path: Path | None = None, *, p
         problem = pose_problem(scenario, here, laws)
         contacts, doubts = find_contacts(scenario, here), check_scenario(scenario, here)
         rivals = find_rivals(scenario, here)
-        surroundings, assumed = list_surroundings(rivals, problem.law.effects), find_assumed(scenario, rivals)
+        surroundings, assumed = list_surroundings(rivals, problem.law.effects), find_assumed(scenario, rivals, problem)
     if progress is not None:  # before minutes are spent on a wrong unit
         for doubt in doubts:
             progress(str(doubt), math.nan)
@@ -348,7 +348,7 @@ def plan_scenario(scenario: Scenario, here: Path, path: Path | None = None, *, p
     try:
         with error_place(file=path):
             found = dc.replace(_plan(problem, dc.replace(settings, **changes), laws, contacts, progress=progress),
-                               surroundings=surroundings, assumed_friction=assumed)
+                               surroundings=surroundings, assumed=assumed)
     except ComputationError as error:
         if not doubts:
             raise

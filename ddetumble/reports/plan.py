@@ -238,7 +238,7 @@ def _list_plan(plan: Plan) -> dict[str, Any]:
             "constraints": best.values},
         "contact": {"fits": plan.fits, "ball": type(problem.law.reference.ball).__name__,
                     "friction": type(problem.law.reference.friction).__name__,
-                    "assumed_friction": plan.assumed_friction,
+                    "assumed": plan.assumed,
                     "parameters": [dict(zip(("of", "text", "value", "unit"), one, strict=True))
                                    for one in _list_contact(plan)]},
         "measured": plan.ranges, "misfits": plan.misfits,
