@@ -215,8 +215,7 @@ def list_notes(found: Discovery, family: Family, left_out: Sequence[str], asked:
     if left_out:
         notes.append(say("verdict.not_tried", effects=[
             (e, [name_need(need, [family.kind]) for need in needs.get(e, ())]) for e in left_out]))
-    if found.model in family.models and family.models[found.model].assumes:
-        notes.append(family.models[found.model].assumes)
+    assumed = family.models[found.model].assumes if found.model in family.models else ""
     notes += [say("verdict.noise", channel=channel, text=noise["text"]) for channel, noise in found.noise.items()]
     if any(not s.converged for s in found.steps):
         notes.append(say("verdict.unconverged"))
@@ -224,7 +223,8 @@ def list_notes(found: Discovery, family: Family, left_out: Sequence[str], asked:
         notes.append(say("verdict.confidence", right=found.confidence.right, judged=found.confidence.judged,
                          allowed=found.confidence.allowed, kind=family.name))
     others = [r["model"] for r in found.references if r["rejected"]] if found.model == asked else []
-    return [*notes, *filter(None, [undrawn]), *(say(f"verdict.{name}", **{key: list(names)}) for name, key, names in (
+    notes = [*notes, *filter(None, [assumed, undrawn])]
+    return [*notes, *(say(f"verdict.{name}", **{key: list(names)}) for name, key, names in (
         ("exact_settings", "names", exact), ("undetermined", "names", loose),
         ("no_better_reference", "models", others)) if names)]
 
