@@ -73,7 +73,7 @@ def tell(rows: list[dict], files: dict[str, int], python: str) -> str:
     """The page: how many passed, and a table."""
     passed, all_tests = sum(row["outcome"] == "passed" for row in rows), sum(files.values())
     commits = collections.Counter(row["commit"] for row in rows)
-    missing = f", {all_tests - len(rows)} have not been run in this form" if len(rows) < all_tests else ""
+    missing = f"; the other {all_tests - len(rows)} have not run yet" if len(rows) < all_tests else ""
     lines = [f"# {passed} of {len(rows)} long tests passed when they last ran{missing}", "",
              "Tests that the test command leaves out, because they take hours together. Made on two cores by", "",
              "    python -m docs.long_tests -o fits/long-tests --minutes 60", "",
