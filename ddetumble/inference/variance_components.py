@@ -57,7 +57,7 @@ class WanderSettings:
     level: float = 0.01  # chance, of the noise as measured, of so much that is slow, below which `fit` looks for one
     rounds: int = 3  # of `fit`: the first baseline is found beside parameters that it has bent
     # Logarithm of the likelihood by which readings without contact may speak against a baseline: beside a real one they
-    # do so by more in less than 2 of 100 campaigns. By script, beside real ones it was 12 to 570 in favour of them.
+    # do so by more in less than 2 of 100 campaigns, as any likelihood ratio does.
     quiet: float = 4.0
 
 
@@ -173,7 +173,8 @@ def weigh_quiet(records: Records, solution: Solution, noise: Noise, c: int) -> f
     """Logarithm of the likelihood by which readings of channel number `c` without contact speak for the baseline of its
     noise: a gauge wanders whether or not a ball presses on it, and what is slow during contact alone is physics.
 
-    Every record has an offset of its own, which may have been taken off. Zero where no record has such readings.
+    Restricted likelihood of the residuals under that noise over that without its baseline; every record has an offset
+    of its own, which may have been taken off. Zero where no record has such readings.
     """
     stack, found = records.stack, 0.0
     touch, plain = shift_clocks(records, solution), dc.replace(noise, slow_sd=0.0)

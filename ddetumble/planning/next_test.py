@@ -58,6 +58,7 @@ PENALTY, INSIDE = 1e3, 0.03
 ROUNDS, SHRINK = 4, 0.45  # of the search without a gradient: in them its step shrinks to 4 % of the first
 
 Fitted = AbstractFitted | FittedModel
+Excess = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # values and slopes of tests, of `_measure_excess`
 
 
 @dc.dataclass(frozen=True)
@@ -284,9 +285,6 @@ def _ask(rivals: Sequence[FittedModel], verdict: str, settings: Sequence[str | N
                     tuple(record for records in doubtful for record in records))
 
 
-Excess = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-
-
 def _measure_excess(preview: Preview, saved: FittedModel) -> Excess | None:
     """Of tests at fractions of the free limits, shape (tests, free): the logarithm of the energy over that which
     presses the ball as far as its geometry holds, and its slopes; None where there is no ball.
@@ -464,7 +462,7 @@ def _explain(found: Design, question: Question) -> Design:
               "the model does not describe: raise the lowest pressure, or lower the highest speed (`--limit`)."
               for squeeze in squeezes]
     if not squeezes and find_squeezes(question.rivals[0], ["next"], conditions, CLOSE * SQUEEZED):
-        notes.append(f"At a lower pressure or a higher speed the ball would be pressed together by more than "
+        notes.append("At a lower pressure or a higher speed the ball would be pressed together by more than "
                      f"{SQUEEZED:.0%} of its diameter, where its contact geometry does not hold: the search kept away.")
     return dc.replace(found, sentence=str(sentence), notes=tuple(notes))
 
