@@ -24,10 +24,10 @@ OUTCOMES = {"failure": "failed", "error": "error", "skipped": "skipped"}
 
 
 def find_commit() -> str:
-    """The commit of this checkout, with a plus sign where files other than these results differ from it."""
+    """The commit of this checkout, with a plus sign where files other than results of fits differ from it."""
     def ask(*words: str) -> str:
         return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
-    changed = ask("status", "--porcelain", "--untracked-files=no", "--", ".", ":!fits/long-tests")
+    changed = ask("status", "--porcelain", "--untracked-files=no", "--", ".", ":!fits")
     return ask("rev-parse", "--short=10", "HEAD") + ("+" if changed else "")
 
 

@@ -1,15 +1,19 @@
 """Whether planned sequences depend on the seed, and whether a tighter limit ever gives a better plan.
 
-    python -m docs.plan_search -o fits/plan-search [--seeds 6] [--scenarios 4]
+    python -m docs.plan_search -o fits/plan-search [--seeds 20] [--scenarios 40] [--minutes 600]
 
 Seeds: `paper-case-1` with 76 N and 40 impacts, where one impact takes 8 % and the arm is ten times too fast for it; the
 same plan is asked of every seed. Limits: scenarios drawn at random (shapes with equal moments among them), each planned
 as it stands and with one limit tightened at a time. The best plan under a tighter limit is allowed under the wider one
 as well, so where it is better the search under the wider one has failed. A plan is better that reaches its share in
 fewer impacts, or, where neither reaches it, leaves less of the momentum.
+
+What is planned is written at once, every row with the commit of its code. A folder of results is gone on with, until
+the time is over: first what is missing, then what was planned at another commit, the oldest first.
 """
 
 import argparse
+import collections
 import copy
 import json
 import sys
@@ -23,6 +27,8 @@ from ddetumble.inference.files import list_versions, write_json
 from ddetumble.planning.scenario import pose_problem
 from ddetumble.planning.scenario_file import SCHEMA, Scenario, read_scenario
 from ddetumble.planning.sequence import Sequence, plan_together
+
+from .long_tests import find_commit
 
 
 WORSE = 1e-3  # share of the momentum at the start, by which a plan has to be better to count
@@ -103,32 +109,36 @@ def beats(one: dict, other: dict) -> bool:
     return one["left"] < other["left"] - WORSE
 
 
-def study_seeds(count: int) -> list[dict]:
-    """The 76 N case from many seeds."""
+def study_seed(seed: int) -> dict:
+    """The 76 N case from one seed."""
     path = find_data() / "scenarios" / "paper-case-1.toml"
     read = read_scenario(path)
     scenario = read.model_copy(update={"limits": read.limits.model_copy(update={"force": 76.0}),
                                        "goal": read.goal.model_copy(update={"impacts": 40})})
-    rows = []
-    for seed in range(count):
-        rows.append(plan(scenario, path.parent, seed))
-        print(json.dumps(rows[-1]), flush=True)
-    return rows
+    return plan(scenario, path.parent, seed)
 
 
-def study_limits(count: int, first: int = 0) -> list[dict]:
-    """Random scenarios, each as drawn and with every limit tightened in turn."""
-    rows = []
-    for number in range(first, first + count):
-        content = draw_scenario(number)
-        wide = plan(Scenario.model_validate(content), Path(), number)
-        tighter = {name: plan(Scenario.model_validate(tighten(content, name)), Path(), number) for name in TIGHTER}
-        rows.append({"scenario": number, "shape": SHAPES[number % len(SHAPES)], "wide": wide, "tighter": tighter,
-                     "better": [name for name, row in tighter.items() if beats(row, wide)],
-                     # By how much the best of the tighter ones leaves less, of the momentum at the start.
-                     "ahead": max(0.0, wide["left"] - min(row["left"] for row in tighter.values()))})
-        print(json.dumps(rows[-1]), flush=True)
-    return rows
+def study_limits(number: int) -> dict:
+    """A random scenario as drawn, and with every limit tightened in turn."""
+    content = draw_scenario(number)
+    wide = plan(Scenario.model_validate(content), Path(), number)
+    tighter = {name: plan(Scenario.model_validate(tighten(content, name)), Path(), number) for name in TIGHTER}
+    return {"scenario": number, "shape": SHAPES[number % len(SHAPES)], "wide": wide, "tighter": tighter,
+            "better": [name for name, row in tighter.items() if beats(row, wide)],
+            # By how much the best of the tighter ones leaves less, of the momentum at the start.
+            "ahead": max(0.0, wide["left"] - min(row["left"] for row in tighter.values()))}  # fmt: skip
+
+
+def choose_next(rows: dict[int, dict], count: int, commit: str) -> list[int]:
+    """Numbers below `count` that have no row of this commit: those without any first, then the oldest."""
+    return sorted((number for number in range(count) if number not in rows or rows[number].get("commit") != commit),
+                  key=lambda number: (number in rows, rows.get(number, {}).get("run", ""), number))
+
+
+def tell_commits(rows: list[dict]) -> str:
+    """How many rows are of which commit."""
+    counted = collections.Counter(row.get("commit", "code before commits were kept") for row in rows)
+    return ", ".join(f"{count} at {commit}" for commit, count in counted.most_common())
 
 
 def tell(seeds: list[dict], limits: list[dict]) -> str:
@@ -141,10 +151,11 @@ def tell(seeds: list[dict], limits: list[dict]) -> str:
         "# Planned sequences from many seeds, and under tighter limits", "",
         f"    python -m docs.plan_search -o fits/plan-search --seeds {len(seeds)} --scenarios {len(limits)}", "",
         f"- `paper-case-1` with 76 N and up to 40 impacts: {close} of {len(seeds)} seeds reach its share, within one "
-        f"impact of the fewest ({fewest}; no plan does with fewer than {seeds[0]['bound'] if seeds else 0}).",
+        f"impact of the fewest ({fewest}; no plan does with fewer than {seeds[0]['bound'] if seeds else 0}). Planned: "
+        f"{tell_commits(seeds)}.",
         f"- {len(limits)} scenarios drawn at random, each with {len(TIGHTER)} limits tightened in turn: in {better} of "
         f"{pairs} pairs the tighter limit gives the better plan (fewer impacts, or, where neither reaches its share, "
-        f"{100 * WORSE:g} % of the momentum at the start less).",
+        f"{100 * WORSE:g} % of the momentum at the start less). Planned: {tell_commits(limits)}.",
         "- The lead is how much less of the momentum at the start the best plan under a tightened limit leaves, "
         "whether or not both reach the share.",
         "- This is a sample: where it shows no failure of the search, it does not prove that there is none.", "",
@@ -163,14 +174,25 @@ def main(arguments: list[str] | None = None) -> int:
     """Command line."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("-o", "--output", type=Path, required=True)
-    parser.add_argument("--seeds", type=int, default=6)
-    parser.add_argument("--scenarios", type=int, default=4)
-    parser.add_argument("--first", type=int, default=0, help="number of the first scenario")
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--scenarios", type=int, default=40)
+    parser.add_argument("--minutes", type=float, default=600.0, help="after which nothing further is begun")
     given = parser.parse_args(arguments)
-    seeds, limits = study_seeds(given.seeds), study_limits(given.scenarios, given.first)
+    begun, kept, commit = time.monotonic(), given.output / "result.json", find_commit()
     given.output.mkdir(parents=True, exist_ok=True)
-    write_json(given.output / "result.json", {"seeds": seeds, "limits": limits, "versions": list_versions()})
-    (given.output / "README.md").write_text(tell(seeds, limits), encoding="utf-8")
+    before = json.loads(kept.read_text(encoding="utf-8")) if kept.is_file() else {"seeds": [], "limits": []}
+    seeds = {row["seed"]: row for row in before["seeds"]}
+    limits = {row["scenario"]: row for row in before["limits"]}
+    tasks = [(seeds, study_seed, number) for number in choose_next(seeds, given.seeds, commit)]
+    tasks += [(limits, study_limits, number) for number in choose_next(limits, given.scenarios, commit)]
+    for rows, study, number in tasks:
+        if time.monotonic() - begun > 60.0 * given.minutes:
+            break
+        rows[number] = study(number) | {"commit": commit, "run": time.strftime("%Y-%m-%d %H:%M")}
+        print(json.dumps(rows[number]), flush=True)
+        ordered = [[table[key] for key in sorted(table)] for table in (seeds, limits)]
+        write_json(kept, {"seeds": ordered[0], "limits": ordered[1], "versions": list_versions()})
+        (given.output / "README.md").write_text(tell(*ordered), encoding="utf-8")
     return 0
 
 
