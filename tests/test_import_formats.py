@@ -141,7 +141,7 @@ def test_a_structure_of_each_test(tmp_path):
     campaign = dd.import_tests(tmp_path / "a.mat", sheet="shot*", **CONDITIONS)
     assert campaign.record_keys == ("a-shot(1)", "a-shot(2)")
     one = dd.import_tests(tmp_path / "a.mat", sheet="shot(2)", **CONDITIONS)
-    assert one.record_keys == ("a",) and one.samples["normal_force"].max() > 49
+    assert one.record_keys == ("a-shot(2)",) and one.samples["normal_force"].max() > 49
 
 
 @pytest.mark.parametrize("ending", ["xlsx", "ods"])
@@ -478,6 +478,16 @@ def test_a_table_of_conditions_among_several_sheets_is_named_behind_the_file(tmp
         assert "--conditions" in str(caught.value) and "--sheet" not in str(caught.value)
         assert "Table" in str(caught.value) and "old" in str(caught.value)
     assert len(dd.import_tests(tmp_path / "a.csv", conditions=f"{table}:Table").records) == 1
+
+
+def test_one_sheet_of_several_has_its_own_row_of_conditions(tmp_path):
+    rows = as_rows(channels())
+    table = [["test", "p [bar]", "v [m/s]"], ["shot1", 10.0, 0.4], ["shot2", 20.0, 0.3]]
+    book = write_sheets(tmp_path / "bench.xlsx", {"settings": table, "shot1": rows, "shot2": rows})
+    every = dd.import_tests(book, sheet="shot*", conditions=f"{book}:settings").records
+    for sheet in ("shot2", "*2"):
+        one = dd.import_tests(book, sheet=sheet, conditions=f"{book}:settings").records
+        pd.testing.assert_frame_equal(one, every.iloc[1:].reset_index(drop=True))
 
 
 @pytest.mark.parametrize("filled", [1, 0], ids=["headings", "empty"])

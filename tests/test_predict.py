@@ -237,6 +237,23 @@ def test_units_in_headings_and_times_of_its_own(reference, tmp_path):
         assert np.allclose(np.diff(own["time"]), own["time"].iloc[1])
 
 
+@pytest.mark.parametrize("delimiter", [";", "\t"], ids=["semicolons", "tabs"])
+def test_a_table_of_a_spreadsheet_with_decimal_commas(reference, tmp_path, delimiter):
+    """As spreadsheet programs write it where decimals have commas; what may be a thousands separator is refused."""
+    path = tmp_path / "conditions.csv"
+    lines = ["record,initial_pressure [bar],approach_speed [m/s]", "a,10.5,0.4", "b,20,0.25"]
+    path.write_text("\n".join(lines) + "\n")
+    plain = predict(reference, path)
+    path.write_text("\n".join(line.replace(",", delimiter).replace(".", ",") for line in lines) + "\n")
+    pd.testing.assert_frame_equal(predict(reference, path), plain)
+    path.write_text("\n".join(line.replace(",", delimiter) for line in lines) + "\n")
+    pd.testing.assert_frame_equal(predict(reference, path), plain)
+    for cells in (("a", "1,000", "4"), ("a", "10,5", "0.4")):
+        path.write_text("\n".join([lines[0].replace(",", delimiter), delimiter.join(cells)]) + "\n")
+        with pytest.raises(InputError, match="comma"):
+            predict(reference, path)
+
+
 def test_gauge_pressures_count_from_the_ambient_pressure(reference, tmp_path, capsys):
     """Given, or as the campaign states it; where that is stated and nothing is said, a note asks."""
     path, absolute = tmp_path / "conditions.csv", tmp_path / "absolute.csv"

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from .._errors import InputError
+from .._errors import InputError, offer_names
 from .._user_files import split_name
 from .options import Family, Overwrite, OwnFile, command, option, place
 from .places import check_file, write_bytes
@@ -61,7 +61,7 @@ def show_effects(
                 typer.echo(f"  (the effects for {' and '.join(others)} records also apply to these)")
         return
     if effect not in effects:
-        raise InputError(f"there is no effect {effect!r}; there are {', '.join(effects)}")
+        raise InputError(f"there is no effect {effect!r}; {offer_names(effect, effects, 'there are')}", option="ID")
     entry = effects[effect]
     typer.echo(f"{entry.id}\n  law        {entry.law}\n  stage      {stage_of(entry)}")
     for one in parameters_of(entry):
@@ -97,7 +97,7 @@ def show_models(
     found = {key: models[name] for key, models in families.items() if name in models}
     if not found:
         known = dict.fromkeys(one for models in families.values() for one in models)
-        raise InputError(f"there is no model {name!r}; there are {', '.join(known)}", option="NAME")
+        raise InputError(f"there is no model {name!r}; {offer_names(name, known, 'there are')}", option="NAME")
     from ..contact.effect import list_choices, parameters_of, read_field, read_validity
 
     for key, model in found.items():

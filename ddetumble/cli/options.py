@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import typer
+from typer.core import TyperCommand, TyperOption
 
 from .._errors import InputError, error_place
 from ..reference_models import list_names
@@ -25,12 +26,26 @@ def show_examples(*lines: str) -> str:
     return "\b\n" + "\n  ".join(["Example:" if len(lines) == 1 else "Examples:", *lines])
 
 
+class _Command(TyperCommand):
+    """A command that refuses an option given twice that takes one value; the first would be left out silently."""
+
+    def parse_args(self, ctx: typer.Context, args: list[str]) -> list[str]:
+        """What is left over, of options each of which is given once."""
+        left = super().parse_args(ctx, [*args])
+        order = [one for one in self.make_parser(ctx).parse_args(args=[*args])[2] if isinstance(one, TyperOption)]
+        for one in order:
+            if not (one.multiple or one.is_flag) and order.count(one) > 1:
+                raise InputError("it is given twice and takes one value; keep one", option=one.opts[-1])
+        return left
+
+
 def command(name: str, summary: str, *examples: str) -> Callable:
     """Make a function a command, with a summary for the list of all of them and examples without the program's name.
 
     It takes `--quiet` beside its own options.
     """
-    register = app.command(name, short_help=summary, epilog=show_examples(*(f"ddetumble {one}" for one in examples)))
+    register = app.command(name, cls=_Command, short_help=summary,
+                           epilog=show_examples(*(f"ddetumble {one}" for one in examples)))
 
     def add(function: Callable) -> Callable:
         @functools.wraps(function)

@@ -125,6 +125,7 @@ def discover_effects(
         named, held = resolve_own(effect, effects_from)
         own = list(dict.fromkeys([*named, *held]))
         _prove_contracts(own, model, measured.family)
+        _refuse_catalogue(named, campaign, measured.family)
         result = discover(measured, model=model, effects=own, keep_all=keep_all, progress=report,
                           settings=DEFAULT if effort is None else dc.replace(DEFAULT, effort=effort))
         report("writing the results", 0.98)
@@ -215,6 +216,20 @@ def _read(campaign: str) -> "Campaign":
     from ..measurement.package import read_campaign
 
     return read_campaign(locate_campaign(campaign))
+
+
+def _refuse_catalogue(effects: Sequence, campaign: str, family: str) -> None:
+    """Refuse effects of the catalogue where those of the user's own are asked for: each is tried anyway."""
+    from ..families import FAMILIES
+    from ..measurement.quantities import join_words
+
+    known = [effect.id for effect in effects if family in FAMILIES and effect in FAMILIES[family].catalogue]
+    if known:
+        start = shlex.join(["fit", campaign, *(word for one in known for word in ("-e", one)), "-o", "fit"])
+        raise InputError(f"{join_words(known, 'and')} of the catalogue {'is' if len(known) == 1 else 'are'} tried "
+                         "anyway; leave the option out, or begin the search with the effect in the model: "
+                         f"`ddetumble {start}`, then `ddetumble discover {shlex.quote(campaign)} -m fit`",
+                         option="--effect")
 
 
 def _prove_contracts(effects: Sequence, model: str, family: str) -> None:

@@ -172,7 +172,7 @@ def import_tests(
     for file in listed:
         settings = part if table is not None and Path(file).resolve() == table.resolve() else None
         for raw in read_files(file, sheet=sheet, leave_out=settings, delimiter=delimiter, decimal=decimal,
-                              single=rate is not None):
+                              single=rate is not None, alone=len(listed) == 1):
             with error_place(sheet=raw.sheet):
                 tests += _read_tests(raw, plan)
     if not tests:

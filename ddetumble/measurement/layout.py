@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from .._errors import InputError
-from .tables import Table, decode, read_bytes, split_rows
+from .tables import THOUSANDS, Table, decode, read_bytes, split_rows
 from .units import parse_unit, role_of
 
 
 DELIMITERS = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", " ": "spaces"}
 _NUMBER = re.compile(r"[-+−]?(\d[\d.,]*|[.,]\d+)([eE][-+]?\d+)?|[-+]?nan|[-+]?inf", re.IGNORECASE)
-_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+")
 _PLAIN = ("m", "s", "N", "Pa", "m/s", "rad/s", "K")  # of the dimensions that a heading's bare suffix may have
 _LETTERS = ("N", "s", "m", "K", "V", "%")  # single characters that may be a unit there
 
@@ -230,7 +229,7 @@ def _find_decimal(cells: list[str], file: str) -> str:
     if any("." in cell for cell in cells):
         problem = f"some numbers have points and some commas ({commas[0]!r}); export them alike, or give --decimal"
         raise InputError(problem, file=file)
-    if all(_THOUSANDS.fullmatch(cell) for cell in commas):
+    if all(THOUSANDS.fullmatch(cell) for cell in commas):
         problem = f"{commas[0]!r} may have a decimal comma or a thousands separator; give --decimal , or --decimal ."
         raise InputError(problem, file=file)
     return ","

@@ -114,7 +114,8 @@ class Recording(RawFile):
 
 
 def read_files(path, *, sheet: str | None = None, leave_out: str | None = None, delimiter: str | None = None,
-               decimal: str | None = None, option: str = "--sheet", single: bool = False) -> list[RawFile]:
+               decimal: str | None = None, option: str = "--sheet", single: bool = False,
+               alone: bool = False) -> list[RawFile]:
     """The tables of a file, one each test or several with a column that tells them apart.
 
     Args:
@@ -124,6 +125,7 @@ def read_files(path, *, sheet: str | None = None, leave_out: str | None = None, 
         delimiter, decimal: Of a text file, as `read_layout` takes them.
         option: That names the sheet: `--conditions` takes it behind the file, and needs a single one.
         single: Whether a text file may have one column alone.
+        alone: Whether no other file is read, so that one sheet of several gives its test its name.
     """
     path = Path(path)
     ending = path.suffix.lower()
@@ -139,8 +141,9 @@ def read_files(path, *, sheet: str | None = None, leave_out: str | None = None, 
         raise InputError(f"the file holds no {'sheets with numbers' if ending in _SHEETS else 'channels'}; choose "
                          "another file, or export the measurement again", file=path)
     chosen, found = _choose_groups(groups, sheet, word, path, option), []
+    by_sheet = len(chosen) > 1 or alone and sheet is not None and len(groups) > 1
     for name in chosen:
-        key, named = path.stem if len(chosen) == 1 else f"{path.stem}-{name}", f"{word} {name}" if name else None
+        key, named = f"{path.stem}-{name}" if by_sheet else path.stem, f"{word} {name}" if name else None
         with error_place(file=str(path), sheet=named):
             held = groups[name]
             raw = _lay_out_sheet(held, path, option) if ending in _SHEETS else _make_recording(held, path)

@@ -10,7 +10,7 @@ import math
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +29,8 @@ _OTHER_SIGN = {
     ",": (r"[-+]?\d*\.\d+([eE][-+]?\d+)?",
           "contains a point where decimals are written with commas; write all numbers alike"),
 }
+_WITH_COMMA, _WITH_POINT = (re.compile(_OTHER_SIGN[sign][0]) for sign in ".,")
+THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+")  # what may be such, and a decimal comma as well
 _MISTAKES = (
     (r"[-+]?\d{1,3}([,.'’\s_]\d{3})+([.,]\d*)?", "has thousands separators; write the number without them"),
     (r"[−–]\s*[\d.,]+([eE].*)?", "begins with a typographic minus; write a plain hyphen-minus"),
@@ -164,8 +166,22 @@ def _check_header(header: list[str], file: str, line: int, delimiter: str) -> No
 
 
 def read_table(path) -> Table:
-    """Read a UTF-8 CSV file with commas; see `parse_table` for what is refused."""
-    return parse_table(decode(read_bytes(path), str(path)), str(path))
+    """Read a UTF-8 CSV file with commas, or with semicolons or tabs where the header line has those and no comma; see
+    `parse_table` for what is refused.
+
+    Beside semicolons and tabs, decimal commas become points, unless they may be thousands separators.
+    """
+    file, text = str(path), decode(read_bytes(path), str(path))
+    header = text.partition("\n")[0]
+    delimiter = "," if "," in header else next((sign for sign in ";\t" if sign in header), ",")
+    table = parse_table(text, file, delimiter)
+    cells = [cell.strip() for column in table.columns.values() for cell in column]
+    commas = [cell for cell in cells if _WITH_COMMA.fullmatch(cell)]
+    doubtful = all(THOUSANDS.fullmatch(cell) for cell in commas) or any(_WITH_POINT.fullmatch(c) for c in cells)
+    if delimiter == "," or doubtful:
+        return table
+    return replace(table, columns={name: [cell.replace(",", ".") if _WITH_COMMA.fullmatch(cell.strip()) else cell
+                                          for cell in column] for name, column in table.columns.items()})
 
 
 def convert_column(table: Table, column: str, *, decimal: str = ".", missing=("",), allow_missing: bool = False,
