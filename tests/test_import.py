@@ -10,6 +10,7 @@ from helpers_measurement import pulse, raw_text, raw_trace
 
 import ddetumble as dd
 from ddetumble import InputError, check_plausibility, import_tests, read_campaign, write_campaign
+from ddetumble.cli import main
 from ddetumble.contact.effect import parameters_of
 from ddetumble.exam.simulators.impact import simulate
 from ddetumble.families import list_families
@@ -809,6 +810,28 @@ def test_a_workbook_as_its_own_table_of_conditions_needs_a_sheet(tmp_path):
     with pytest.raises(InputError, match="SHEET") as refused:
         import_tests(path, conditions=path)
     assert refused.value.option == "--conditions"
+
+
+def test_notes_beside_the_measurements_are_left_out_and_told(tmp_path, capsys):
+    """A text without rows of numbers is no test; a file that is named, or holds some, is read or refused as before."""
+    folder = tmp_path / "runs"
+    folder.mkdir()
+    write(folder / "a.csv", raw_text(raw_trace(), ["t [s]", "Fz [N]"]))
+    notes = write(folder / "notes.txt", "12 May, cold. Gauge set to zero after shot 1.\n\nBall 2.\n")
+    campaign = import_tests(folder, **CONDITIONS)
+    assert campaign.record_keys == ("a",) and any("notes.txt" in note for note in campaign.notes)
+    assert main(["import", str(folder), "--list"]) == 0
+    told = capsys.readouterr().out
+    assert "Fz [N]" in told and "notes.txt" in told
+    with pytest.raises(InputError):
+        import_tests([folder, notes], **CONDITIONS)
+    write(folder / "b.csv", "t [s],Fz [N]\n0.0,0.1\n0.001\n")
+    with pytest.raises(InputError, match="b.csv"):
+        import_tests(folder, **CONDITIONS)
+    (folder / "a.csv").unlink()
+    (folder / "b.csv").unlink()
+    with pytest.raises(InputError, match="runs"):
+        import_tests(folder, **CONDITIONS)
 
 
 def test_a_german_heading_names_the_records(tmp_path):

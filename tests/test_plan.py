@@ -566,7 +566,7 @@ def test_laws_that_a_plan_cannot_use_are_refused(tmp_path):
                 continue
             with pytest.raises(InputError, match="--model eq8 or coulomb") as refused:
                 mount_law(limited, None, friction.extend(()))
-            assert refused.value.key == "ball.friction_model" and "30 N" in refused.value.problem
+            assert refused.value.key == "limits.force" and "30 N" in refused.value.problem
     law = mount_law(scenario, None, CoulombFriction(0.31).extend(()))
     assert float(law.reference.friction.friction_coefficient) == 0.31
     pad = PowerLaw(condition="thickness", condition_reference=0.02).extend(())

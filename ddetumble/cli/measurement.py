@@ -173,12 +173,20 @@ def export_tables(
 
 def show_contents(paths: list[Path]) -> None:
     """Print the channels of files by sheet or group: unit, number of samples, and their interval or first value."""
-    from ..measurement.recordings import list_channels
+    from ..measurement.recordings import is_bag, list_channels, list_folder
 
-    for path in paths:
+    folders = [path for path in paths if path.is_dir() and not is_bag(path)]
+    for path in [one for given in paths for one in (list_folder(given) if given in folders else [given])]:
         typer.echo(path)
         shown = ""
-        for channel in list_channels(path):
+        try:
+            channels = list_channels(path)
+        except InputError as error:
+            if path in paths:
+                raise
+            typer.echo(f"    {plain_text(error.problem)}")  # of a folder's other files the rest is told, too
+            continue
+        for channel in channels:
             if channel.group != shown:
                 shown = channel.group
                 typer.echo(f"  {plain_text(shown)}:")

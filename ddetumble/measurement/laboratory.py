@@ -39,10 +39,10 @@ from .conditions import (
 )
 from .faults import find_truncated
 from .kinds import DEFAULT_KIND, RecordKind, find_kind, take_kind
-from .layout import RawFile, split_heading
+from .layout import RawFile, holds_rows, split_heading
 from .plausibility import check_plausibility, say_copies
 from .quantities import join_words
-from .recordings import ENDINGS, add_clock, is_bag, probe_files, read_files, split_sheet
+from .recordings import TEXT, add_clock, is_bag, is_raw, list_folder, probe_files, read_files, split_sheet
 from .tables import convert_column, read_texts, read_toml
 from .units import (
     ROLES,
@@ -166,7 +166,7 @@ def import_tests(
     tests, (table, part) = [], (None, None) if conditions is None else split_sheet(conditions)
     if table is not None:
         _require_table(table)
-    listed = _list_files(paths, None if part else table)
+    listed = _list_files(paths, None if part else table, plan.notes)
     probe_files(listed)
     plan.table = None if conditions is None else open_conditions(conditions)
     for file in listed:
@@ -248,7 +248,7 @@ def read_import_file(path, names: Collection[str]) -> dict[str, Any]:
         raise InputError('the file names no raw files; add them, such as raw = ["run*.tdms"]', file=path, key=RAW)
     files: list[Path] = []
     for pattern in [patterns] if isinstance(patterns, str) else patterns:
-        found = [Path(pattern)] if Path(pattern).is_absolute() else sorted(filter(_is_raw, path.parent.glob(pattern)))
+        found = [Path(pattern)] if Path(pattern).is_absolute() else sorted(filter(is_raw, path.parent.glob(pattern)))
         if not found:
             raise InputError(f"there is no file {pattern!r} beside this one", file=path, key=RAW)
         files += found
@@ -285,23 +285,21 @@ def _condense(notes: list[str], files: list[str]) -> list[str]:
             for rest, names in told.items()]
 
 
-def _is_raw(path: Path) -> bool:
-    """Not so what macOS (`._run1.csv`) and Excel (`~$run1.xlsx`) put beside files."""
-    return not path.name.startswith((".", "~$"))
-
-
-def _list_files(paths, table: Path | None) -> list[str]:
-    """Files as given, and those in folders, but for the table of conditions."""
+def _list_files(paths, table: Path | None, notes: list[str]) -> list[str]:
+    """Files as given, and those in folders, but for the table of conditions and for texts without numbers, which are
+    noted.
+    """
     files, table = [], None if table is None else table.resolve()
     for path in map(Path, [paths] if isinstance(paths, str | Path) else paths):
-        found = [path]
-        if path.is_dir():
-            found = [path] if is_bag(path) else sorted(
-                p for p in filter(_is_raw, path.iterdir())
-                if p.suffix.lower() in ENDINGS and p.is_file() or is_bag(p))
-        found = [p for p in found if p.resolve() != table]
-        if path.is_dir() and not found:
-            raise InputError(f"the folder holds no raw files ({', '.join(ENDINGS)})", file=path)
+        inside = path.is_dir() and not is_bag(path)
+        found = [p for p in (list_folder(path) if inside else [path]) if p.resolve() != table]
+        if inside:
+            texts = [p for p in found if p.suffix.lower() in TEXT and not holds_rows(p)]
+            notes += [f"{p.name} holds no rows of numbers and was left out." for p in texts]
+            found = [p for p in found if p not in texts]
+            if not found:
+                raise InputError("the folder holds no measurements beside the table of conditions" if table is not None
+                                 else "the folder holds no file with measurements", file=path)
         files += map(str, found)
     if not files:
         if table is not None and paths:

@@ -76,6 +76,18 @@ def read_layout(path, *, delimiter: str | None = None, decimal: str | None = Non
     return replace(raw, notes=tuple(notes))
 
 
+def holds_rows(path) -> bool:
+    """Whether a line of a text file is a number, or holds two and no more words: measurements have such, notes not."""
+    data = read_bytes(path)
+    text = data.decode("utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "windows-1252", errors="replace")
+    for line in filter(None, map(str.strip, text.splitlines())):
+        for sign in DELIMITERS:
+            cells = [cell.strip() for cell in (line.split() if sign == " " else line.split(sign))]
+            if sum(map(_is_number, cells)) >= max(min(len(cells), 2), len(cells) / 2):
+                return True
+    return False
+
+
 def lay_out(rows: list[tuple[int, list[str]]], file: str, decimal: str | None, hint: str = "",
             remedy: str = "give --delimiter", least: int = 2) -> RawFile:
     """Find headings, units and data in the rows of a table: line number and cells, each with something in it.

@@ -226,6 +226,26 @@ def split_sheet(path) -> tuple[Path, str | None]:
     return (Path(file), sheet) if named else (Path(path), None)
 
 
+def is_raw(path: Path) -> bool:
+    """Not so what macOS (`._run1.csv`) and Excel (`~$run1.xlsx`) put beside files."""
+    return not path.name.startswith((".", "~$"))
+
+
+def list_folder(folder: Path) -> list[Path]:
+    """Raw files in a folder, by name, or the folder itself where it is a rosbag2.
+
+    Raises:
+        InputError: There are none.
+    """
+    if is_bag(folder):
+        return [folder]
+    found = sorted(path for path in filter(is_raw, folder.iterdir())
+                   if (path.suffix.lower() in ENDINGS and path.is_file() or is_bag(path)))
+    if not found:
+        raise InputError(f"the folder holds no raw files ({', '.join(ENDINGS)})", file=folder)
+    return found
+
+
 def is_bag(path: Path) -> bool:
     """Whether a folder is a rosbag2."""
     return (path / BAG).is_file()

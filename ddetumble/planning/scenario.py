@@ -104,7 +104,7 @@ def mount_law(scenario: Scenario, fitted: ContactLaw | StrikeLaw | None, rubbed:
         raise InputError(f"the slip term of Eqs. 9 and 10 grows without limit above {DIVERGES_ABOVE:.1f} N, but "
                          f"limits.force lets an impact reach {float(scenario.limits.force):g} N; state limits.force = "
                          f"\"{highest:g} N\" or less, or fit the slip records with --model eq8 or coulomb",
-                         key="ball.friction_model" if rubbed is not None else "ball.model")
+                         key="limits.force")
     given = {*reference.provides, *friction.reference.provides, *GIVEN, *ball.conditions}
     power = getattr(reference, "condition", "")
     read = [("the fitted power law", power)] if power else []
