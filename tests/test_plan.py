@@ -27,12 +27,13 @@ from ddetumble.planning.closed_form import screen
 from ddetumble.planning.constraints import CONSTRAINTS, evaluate, evaluate_slopes
 from ddetumble.planning.measured import MeasuredRange, confine, find_contacts, find_measured_ranges, list_extrapolations
 from ddetumble.planning.multistart import find_starts
-from ddetumble.planning.plan import Plan, PlanSettings
+from ddetumble.planning.plan import Plan, PlanSettings, relax_further
 from ddetumble.planning.problem import (
     VARIABLES,
     Goal,
     Limits,
     StrikeProblem,
+    allow_speed,
     drift,
     is_symmetric,
     read_design,
@@ -984,3 +985,23 @@ def test_errors_of_arm_and_estimate_lead_the_headline():
     nil = ErrorTable(**dict.fromkeys(sizes, 0.0), draws=8)
     exact = dd.plan(problem, settings=PlanSettings(starts=1, errors=nil))
     assert exact.erring is None and without in exact.sentence.partition(". ")[0]
+
+
+def test_a_further_impact_that_is_refused_has_its_price():
+    """After one impact the ball would have to strike faster than the arm is: the speed that is named would do."""
+    problem = pose([0.05, 0.02, 0.03])
+    first = plan_sequence(problem, 0.0, 1, starts=1)
+    assert len(first.impacts) == 1 and first.refused is None
+    tight = eqx.tree_at(lambda p: (p.limits.approach, p.limits.force), problem, (jnp.asarray(3.0), jnp.asarray(1e5)))
+    last = first.impacts[-1].collision
+    now = tight.begin_after(last.attitude, last.angular_velocity)
+    refused = plan_strike(now, starts=1)
+    assert not refused.worth and not refused.missed
+    priced = relax_further(tight, dc.replace(first, refused=refused), 0, lambda *_: None)
+    assert {one.key for one in priced.relaxations} <= {"arm.speed", "limits.approach"} and priced.relaxations
+    for one in priced.relaxations:
+        field, value = one.key.partition(".")[2], jnp.asarray(one.needed * (1.01 if one.needed > one.given else 0.99))
+        loose = eqx.tree_at(lambda p: getattr(p.limits, field), now, value)  # noqa: B023
+        assert plan_strike(eqx.tree_at(lambda p: p.unit, loose, allow_speed(loose)), starts=1).worth, one
+    reached = dc.replace(first, refused=refused, reached=True)
+    assert relax_further(tight, reached, 0, lambda *_: None) is reached

@@ -366,6 +366,29 @@ def test_a_blow_at_any_phase_may_speed_the_body_up():
     assert f"{100 * one.q95:.1f} %" in told and f"{100 * one.raised:.0f} %" in told
 
 
+def test_misses_and_limits_that_errors_pass_are_told(held):
+    """The largest share of the draws, with the impact it belongs to; less than one draw in a hundred is not told."""
+    problem, plan = held
+    one = try_errors(problem, plan, ErrorTable(draws=8))[-1]
+
+    def tell(*shares):
+        spreads = tuple(dc.replace(one, missed=missed, violated=violated) for missed, violated in shares)
+        sequence = add_up(problem, [plan] * len(shares), 0.01)
+        return Plan(problem, PlanSettings(len(shares), errors=ErrorTable(draws=8)), sequence, spreads=spreads[:1],
+                    after=spreads if len(spreads) > 1 else ())
+
+    assert tell((0.009, 0.0)).mishaps == {"missed": None, "violated": None}
+    assert tell((0.37, 0.0)).mishaps == {"missed": (0.37, 1), "violated": None}
+    assert tell((0.1, 0.29), (0.37, 0.23), (0.37, 0.0)).mishaps == {"missed": (0.37, 2), "violated": (0.29, 1)}
+    quiet, missed, several = (tell(*shares).sentence for shares in (
+        [(0.0, 0.0)], [(0.37, 0.0)], [(0.0, 0.29), (0.37, 0.0)]))
+    assert "edge" not in quiet and "limit" not in quiet
+    assert "37 %" in missed and "edge" in missed and "29 %" in several and "impact 2 misses" in several
+    none = dict.fromkeys(ErrorTable().model_dump(exclude={"draws", "plan_for"}), 0.0)
+    told = dc.replace(tell((0.37, 0.2)), settings=PlanSettings(errors=ErrorTable(**none)))
+    assert told.mishaps == {"missed": None, "violated": None}
+
+
 def test_what_waiting_costs_is_told_with_its_key(held):
     """The rates' error turns a body that waits: where that is what errors cost and exceeds the attitude's own, the
     window is named; a sequence that ends by what is planned, and might go on, names the share, unless nothing is left.

@@ -32,7 +32,7 @@ from .measured import (
     warn_of_extrapolation,
 )
 from .plausibility import check_scenario
-from .prices import Price, list_reached, name_narrowed, price_sequence
+from .prices import Price, find_relaxations, list_reached, name_narrowed, price_sequence
 from .problem import StrikeProblem, measure_goal, score
 from .robust import plan_robust_strike
 from .rules import Blow, compare_rules
@@ -47,6 +47,7 @@ from .uncertainty import Assessment, Prospect, assess_plan, assess_sequence
 # Share of the momentum that no normal force can take, from which it is told: below it nobody would miss it.
 AXIAL = 1e-3
 HOW_DRAWN = {"draws", "plan_for"}  # what of the errors is not their size
+MISHAP = 0.01  # share of the draws from which a miss or a limit that is passed is told: with 512 draws, six of them
 LEAST_PRICE = 5e-4  # of the momentum, below which two plans leave the same: what the search itself leaves open
 USUAL_ERRORS = ErrorTable().model_dump(exclude=HOW_DRAWN)
 # Share of score or momentum before, below which nothing is left to gain, and no direction: a tenth of the least gain of
@@ -216,7 +217,7 @@ class Plan(AbstractPrinted):
             say("plan.surroundings", found=self.surroundings) if self.surroundings else "",
             say("plan.outcome", goal=goal.name(), momentum=momentum, asked=self.asked, wide=self.goal_beyond,
                 found=found, slid=has_slid(self.ranges), share=share, worth=worth, erring=erring, raised=RAISED,
-                most=NAMES[most[0]] if len(most) == 1 else "", beyond=self.beyond,
+                mishaps=self.mishaps, most=NAMES[most[0]] if len(most) == 1 else "", beyond=self.beyond,
                 confined=self.confined, aim=self.aim,
                 plain=self.settings.errors.plan_for == "best",
                 turned=math.degrees(self.turned) if most == ["rates"] and self.turned > sizes["attitude"] else 0.0,
@@ -261,6 +262,19 @@ class Plan(AbstractPrinted):
         """What all errors of arm and estimate together leave in the end; None where none were drawn."""
         drawn = any(self.settings.errors.sizes().values())
         return (self.after or self.spreads)[-1] if drawn and self.spreads else None
+
+    @property
+    def mishaps(self) -> dict[str, tuple[float, int] | None]:
+        """What goes wrong under the errors, by `missed` and `violated`: the largest share of the draws at any impact,
+        and which one that is; None where it is less than `MISHAP`.
+        """
+        spreads = (self.after or self.spreads[-1:]) if self.erring is not None else ()
+
+        def find_worst(name: str) -> tuple[float, int] | None:
+            share, k = max(((getattr(one, name), -k) for k, one in enumerate(spreads, 1)), default=(0.0, 0))
+            return (share, -k) if share >= MISHAP else None
+
+        return {name: find_worst(name) for name in ("missed", "violated")}
 
     def __str__(self) -> str:
         """What was found, and how sure that is."""
@@ -381,6 +395,7 @@ def _plan(problem: StrikeProblem, settings: PlanSettings, laws: Laws | None, con
     if wide is not None and found.joint is not None:
         renamed = name_narrowed(found.joint.prices, wide.limits, problem.limits)
         found = dc.replace(found, joint=dc.replace(found.joint, prices=renamed))
+    found = relax_further(problem, found, how.seed, tell) if revise is None else found
     assessment, prospect = None, None
     if laws is not None and found.impacts:
         tell("trying the first impact on all draws", math.nan)
@@ -402,6 +417,17 @@ def _plan(problem: StrikeProblem, settings: PlanSettings, laws: Laws | None, con
             after = follow_errors(problem, found.impacts, how.errors, how.seed, tell)
     return Plan(problem, how, found, laws, assessment, prospect, ranges, misfits, beyond, prices, rules, spreads, after,
                 fits={name: saved.campaign for name, saved in contacts.items()})
+
+
+def relax_further(problem: StrikeProblem, found: Sequence, seed: int, progress: Progress) -> Sequence:
+    """The sequence with what a further impact would need, where one that was looked for after its last was refused."""
+    refused, changed = found.refused, found.joint is not None and found.joint.taken
+    if not found.impacts or found.reached or refused is None or refused.missed or changed:
+        return found
+    last = found.impacts[-1].collision
+    now = problem.begin_after(last.attitude, last.angular_velocity)
+    progress("looking for the limit that stands in the way of a further impact", math.nan)
+    return dc.replace(found, relaxations=find_relaxations(now, refused, seed=seed, progress=progress))
 
 
 def find_end(sequence: Sequence) -> float:

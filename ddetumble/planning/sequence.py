@@ -90,7 +90,7 @@ class Sequence:
     # What optimising all impacts jointly made of it, or what one impact less would leave; None where that was not done,
     # or made it no better.
     joint: Joint | None = None
-    relaxations: tuple[Relaxation, ...] = ()  # limits each of which, looser, allows an impact, where there is none
+    relaxations: tuple[Relaxation, ...] = ()  # limits each of which, looser, allows a (further) impact
 
     @property
     def left(self) -> float:
