@@ -81,7 +81,7 @@ def test_help_lists_commands(capsys):
         ["identify", "no-such-campaign"],
         ["discover", "no-such-campaign", "-o", "never"],
         ["discover", "impact-a", "--effort", "0"],
-        ["discover", "impact-a", "--effect", "wall-stiffness"],
+        ["discover", str(find_data() / "impact-a"), "--effect", "wall-stiffness"],
         ["discover", "impact-a", "-o", "never", "--output", "other"],
         ["import", "file", "--sheet", "a", "--sheet", "b"],
         ["fit", "no-such-campaign"],
