@@ -35,7 +35,7 @@ from ddetumble.inference.stack import Records
 from ddetumble.measurement.package import read_campaign
 from ddetumble.selection import forward_selection
 from ddetumble.selection.cross_validation import compare_losses, forecast, leave_out
-from ddetumble.selection.explanations import list_rivals
+from ddetumble.selection.explanations import settle_rivals
 from ddetumble.selection.forward_selection import (
     CandidateFits,
     FittedStep,
@@ -555,9 +555,12 @@ def test_a_loss_that_one_step_puts_far_off_is_that_of_a_fit(tmp_path):
     assert selection.refit_far_off(loose).score < 0.1 * max(loose.score, 20.0 * count)
 
 
-def test_rivals_of_an_earlier_step_have_what_was_added_since():
-    """An echo in place of the ripple, beside the settling that came after both; what was left out does nothing."""
-    truth = {"ripple.a": 0.6, "settling.a": 0.5}
+@pytest.mark.parametrize(("size", "told_apart"), [(0.05, False), (0.6, True)])
+def test_rivals_of_an_earlier_step_have_what_was_added_since(size, told_apart):
+    """An echo in place of the ripple, beside the settling that came after both, where what was left out does nothing:
+    a rival while the ripple is small, none any more where left-out conditions speak against it by then.
+    """
+    truth = {"ripple.a": size, "settling.a": 0.5}
     selection, reference = fit_toy(make_selection(1, truth, effects=(Ripple, Echo, Settling)))
     ripple, echo = (selection.extend(reference, (effect,)) for effect in ("ripple", "echo"))
     both = selection.extend(ripple, ("ripple", "settling"))
@@ -565,14 +568,18 @@ def test_rivals_of_an_earlier_step_have_what_was_added_since():
     later = CandidateFits({}, {"settling": both}, ripple, ("settling",))
     steps = [FittedStep(reference, None, []), FittedStep(ripple, None, [], tried, (("echo", 0.0, 1.0),)),
              FittedStep(both, None, [], later)]
-    (rival,) = list_rivals(selection, steps)
-    assert rival.effects == ("echo", "settling")
-    ripples = [slot.owner == "ripple" for slot in selection.space.slots]
-    assert rival.solution.u[ripples] == selection.start[ripples]
-    # It is the fit of these two from nothing.
-    alone = selection.extend(reference, ("echo", "settling"))
-    assert rival.solution.chi2 == pytest.approx(alone.solution.chi2, rel=1e-6)
-    assert list_rivals(selection, steps[:2]) == [echo]
+    kept, rivals = settle_rivals(selection, steps)
+    alone = selection.extend(reference, ("echo", "settling"))  # the fit of these two from nothing
+    worse, error = compare_losses(alone.loss, both.loss, selection.groups)
+    assert (worse > selection.settings.significant and worse > 3.0 * error) == told_apart
+    assert [[effect for effect, _, _ in step.alternatives] for step in kept] == [[], [] if told_apart else ["echo"], []]
+    assert len(rivals) == (not told_apart)
+    for rival in rivals:
+        assert rival.effects == ("echo", "settling")
+        ripples = [slot.owner == "ripple" for slot in selection.space.slots]
+        assert rival.solution.u[ripples] == selection.start[ripples]
+        assert rival.solution.chi2 == pytest.approx(alone.solution.chi2, rel=1e-6)
+    assert settle_rivals(selection, steps[:2]) == (steps[:2], [echo])
     # What was exchanged since is none of the last model's, whatever was said of it.
     gone = selection.extend(reference, ("settling",))
-    assert list_rivals(selection, [*steps[:2], FittedStep(gone, None, [], later)]) == []
+    assert settle_rivals(selection, [*steps[:2], FittedStep(gone, None, [], later)])[1] == []

@@ -30,7 +30,7 @@ from .bias import SettingBias, find_bias, join_alike, matches_effects, stand_in
 from .describe import describe_candidates, describe_noise, describe_spread, describe_step, list_loose, make_fit
 from .discovery import Discovery
 from .effort import Effort, limit_effort, may_search
-from .explanations import list_added, list_explanations, list_rivals
+from .explanations import list_added, list_explanations, settle_rivals
 from .forward_selection import (
     FittedStep,
     Path,
@@ -133,7 +133,8 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
         fits = _fit_references(asked, begin, state, path.steps[0].fitted, settings, report)
         reached = {n: (one, FittedStep(alone, *one.test_lack_of_fit(alone))) for n, one, alone in fits}
     report("writing it down", 0.97)
-    selection, steps, verdict = path.selection, end.steps, end.verdict
+    selection, verdict = path.selection, end.verdict
+    steps, rivals = settle_rivals(selection, end.steps)
     described = []
     for k, one in enumerate(steps):
         report(f"writing it down: model {k + 1} of {len(steps)}", 0.97)
@@ -142,7 +143,6 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     candidates = describe_candidates(selection, end.dropped or steps, path.tried)
     last, campaign, rejected = steps[-1], selection.campaign, steps[0].lack.rejected
     doubts = list_doubts(verdict, candidates, questions, end.unphysical, settings) if rejected else ()
-    rivals = list_rivals(selection, steps)
     made = (tuple(partial(make_fit, selection, step.fitted, name, verdict) for step in steps),
             tuple(partial(make_fit, selection, rival, name, verdict) for rival in rivals))
     unsure = (questions or end.irregular or end.unrepeated or end.stopped or end.rounding is not None

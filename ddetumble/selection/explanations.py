@@ -17,7 +17,7 @@ from ..inference.stack import list_commons
 from ..measurement.units import Uncertainty
 from .bias import SettingBias
 from .describe import make_fit
-from .forward_selection import FittedStep, Path, fit_with_shapes, is_beyond
+from .forward_selection import FittedStep, Path, fit_with_shapes, is_beyond, is_refuted
 from .problem import Fitted, SelectionProblem
 
 
@@ -50,27 +50,41 @@ def _find_added(before: FittedStep, step: FittedStep) -> str:
     return next((e for e in effects if e not in before.fitted.effects), effects[-1])
 
 
-def list_rivals(selection: SelectionProblem, steps: Sequence[FittedStep]) -> list[Fitted]:
-    """The models that the last one could not be told from: with its last effect exchanged, as fitted then, and with
-    an earlier one exchanged for what it was not told from when it was added, fitted beside the effects that came later.
+def settle_rivals(selection: SelectionProblem, steps: Sequence[FittedStep]) -> tuple[list[FittedStep], list[Fitted]]:
+    """The steps without what the last model refutes since, and the models that it could not be told from.
+
+    These are it with its last effect exchanged, as fitted then, and with an earlier one exchanged for what it was not
+    told from when it was added, fitted beside the effects that came later. Where that predicts left-out conditions
+    worse beyond chance, or with values that physics does not allow, it is no longer an alternative of its step.
     """
-    last = steps[-1]
+    last, kept = steps[-1], [*steps]
     found = [last.tried.refined[effect] for effect, _, _ in last.alternatives] if last.tried is not None else []
-    for before, step in itertools.pairwise(steps[:-1]):
+    for k, (before, step) in enumerate(itertools.pairwise(steps[:-1]), 1):
         added = _find_added(before, step)
+        if added not in last.fitted.effects or step.tried is None:  # exchanged since
+            continue
+        out = set()
         for other in sorted({effect for effect, _, _ in step.alternatives} - {*last.fitted.effects}):
-            if added not in last.fitted.effects or step.tried is None:  # exchanged since
+            rival = _exchange(selection, last.fitted, added, other, step.tried.refined.get(other))
+            if rival is None:
                 continue
-            start, early = last.fitted.solution.u.copy(), step.tried.refined.get(other)
-            owners = np.array([slot.owner for slot in selection.space.slots])
-            start[owners == added] = selection.start[owners == added]  # what is left out does nothing
-            if early is not None:
-                start[owners == other] = early.solution.u[owners == other]
-            effects = tuple(other if effect == added else effect for effect in last.fitted.effects)
-            rival = selection.extend(last.fitted, effects, start)
-            if rival is not None and not is_beyond(selection, steps[0].fitted, rival):
+            if is_beyond(selection, steps[0].fitted, rival) or is_refuted(selection, rival, last.fitted, before.fitted):
+                out.add(other)
+            else:
                 found.append(rival)
-    return found
+        kept[k] = dc.replace(step, alternatives=tuple(one for one in step.alternatives if one[0] not in out))
+    return kept, found
+
+
+def _exchange(selection: SelectionProblem, fitted: Fitted, added: str, other: str, early: Fitted | None
+              ) -> Fitted | None:
+    """A model with one effect in place of another, fitted from where both ended; None where that fails."""
+    start, owners = fitted.solution.u.copy(), np.array([slot.owner for slot in selection.space.slots])
+    start[owners == added] = selection.start[owners == added]  # what is left out does nothing
+    if early is not None:
+        start[owners == other] = early.solution.u[owners == other]
+    effects = tuple(other if effect == added else effect for effect in fitted.effects)
+    return selection.extend(fitted, effects, start, tolerance=1e-4)
 
 
 def list_explanations(path: Path, steps: Sequence[FittedStep], biases: Sequence[SettingBias], sufficient: Sequence[str],

@@ -414,18 +414,24 @@ def find_alternatives(selection: SelectionProblem, tried: CandidateFits, current
     no more than chance, however much that is: the others may not fix a parameter that a single condition does.
     """
     close, best = [], tried.refined[tried.order[0]]
-    unit = selection.disperse(best)
     for effect in tried.order[1:]:
         other = tried.refined.get(effect)
         if other is None or other.solution is current.solution or is_beyond(selection, current, other):
             continue
-        difference, error = compare_losses(other.loss, best.loss, selection.groups)
-        limits = selection.settings
-        beaten = (limits.is_significant if fits_as_well(other, best, limits) else limits.is_beaten)(
-            difference / unit, error / unit)
-        if not beaten or fits_better(other, best, current, limits):
-            close.append((effect, difference, error))
+        if not is_refuted(selection, other, best, current):
+            close.append((effect, *compare_losses(other.loss, best.loss, selection.groups)))
     return tuple(close)
+
+
+def is_refuted(selection: SelectionProblem, other: Fitted, best: Fitted, before: Fitted) -> bool:
+    """Whether left-out conditions speak against another model than the best, beside that `before` the effect in which
+    they differ; see `find_alternatives`.
+    """
+    limits, unit = selection.settings, selection.disperse(best)
+    difference, error = compare_losses(other.loss, best.loss, selection.groups)
+    beaten = (limits.is_significant if fits_as_well(other, best, limits) else limits.is_beaten)(
+        difference / unit, error / unit)
+    return beaten and not fits_better(other, best, before, limits)
 
 
 def helps(selection: SelectionProblem, current: Fitted, grown: Fitted) -> bool:
