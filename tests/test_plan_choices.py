@@ -424,9 +424,12 @@ def test_no_share_of_the_momentum_is_wanted_where_none_was_asked_for(held):
 def test_in_how_many_cases_nothing_is_taken_is_told(held):
     """Where that is more than one case in twenty, its share is what the answer says."""
     problem, plan = held
-    one = dc.replace(try_errors(problem, plan, ErrorTable(draws=8))[-1], mean=0.5, q95=1.0, raised=0.0, untaken=0.23)
+    one = dc.replace(try_errors(problem, plan, ErrorTable(draws=8))[-1], mean=0.5, q95=1.0, raised=0.0, untaken=0.23,
+                     missed=0.0, violated=0.0)
     found = Plan(problem, PlanSettings(), add_up(problem, [plan], 0.01), spreads=(one,))
     assert "23 %" in found.sentence
+    for missed in (0.2, 0.23):  # told once where it is the misses that take nothing
+        assert dc.replace(found, spreads=(dc.replace(one, missed=missed),)).sentence.count("23 %") == 1
     assert "23 %" not in dc.replace(found, spreads=(dc.replace(one, q95=0.9, goal_q95=0.9, goal=0.5),)).sentence
 
 
