@@ -214,7 +214,6 @@ class Plan(AbstractPrinted):
                 more=len(found.impacts) < self.settings.impacts, ended=ENDED,
                 plain=self.aim == "best" and self.settings.least == "impacts"),
             say("plan.misfits", misfits=self.misfits) if self.misfits else "", *self.doubts,
-            say("plan.surroundings", found=self.surroundings) if self.surroundings else "",
             say("plan.outcome", goal=goal.name(), momentum=momentum, asked=self.asked, wide=self.goal_beyond,
                 found=found, slid=has_slid(self.ranges), share=share, worth=worth, erring=erring, raised=RAISED,
                 mishaps=self.mishaps, most=NAMES[most[0]] if len(most) == 1 else "", beyond=self.beyond,
@@ -224,6 +223,7 @@ class Plan(AbstractPrinted):
                 last=format_time(found.instants[-1], find_end(found)) if found.instants else "",
                 relaxed=[(one, round_loosely(one.needed, one.needed > one.given)) for one in found.relaxations],
                 axial=axial, sphere=axial and len(self.problem.debris.surface.find_pivots()) == 3, cheap=LEAST_PRICE),
+            say("plan.surroundings", found=self.surroundings) if self.surroundings else "",
             say("plan.assumed", friction=self.assumed.get("ball.friction"), mass=self.assumed.get("arm.mass"),
                 bench=bool(self.fits)) if self.assumed and self.impacts else "",
             warn_of_extrapolation(self.ranges, self.impacts, self.problem.conditions)]
