@@ -825,9 +825,10 @@ def test_notes_beside_the_measurements_are_left_out_and_told(tmp_path, capsys):
     assert "Fz [N]" in told and "notes.txt" in told
     with pytest.raises(InputError):
         import_tests([folder, notes], **CONDITIONS)
-    write(folder / "b.csv", "t [s],Fz [N]\n0.0,0.1\n0.001\n")
-    with pytest.raises(InputError, match="b.csv"):
-        import_tests(folder, **CONDITIONS)
+    for rows in ("t [s],Fz [N]\n0.0,0.1\n0.001\n", "t [s];Fz [N];state;by;gauge\n0;0,1;ok;RS;HBM\n"):
+        write(folder / "b.csv", rows)
+        with pytest.raises(InputError, match="b.csv"):
+            import_tests(folder, **CONDITIONS)
     (folder / "a.csv").unlink()
     (folder / "b.csv").unlink()
     with pytest.raises(InputError, match="runs"):

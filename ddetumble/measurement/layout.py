@@ -77,13 +77,16 @@ def read_layout(path, *, delimiter: str | None = None, decimal: str | None = Non
 
 
 def holds_rows(path) -> bool:
-    """Whether a line of a text file is a number, or holds two and no more words: measurements have such, notes not."""
+    """Whether a line of a text file is a number, or has two among its cells: measurements hold such, notes do not.
+
+    Between blanks, where every word is a cell, half of them have to be numbers.
+    """
     data = read_bytes(path)
     text = data.decode("utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "windows-1252", errors="replace")
     for line in filter(None, map(str.strip, text.splitlines())):
         for sign in DELIMITERS:
-            cells = [cell.strip() for cell in (line.split() if sign == " " else line.split(sign))]
-            if sum(map(_is_number, cells)) >= max(min(len(cells), 2), len(cells) / 2):
+            cells = line.split() if sign == " " else [cell.strip() for cell in line.split(sign)]
+            if sum(map(_is_number, cells)) >= max(min(len(cells), 2), len(cells) / 2 if sign == " " else 0):
                 return True
     return False
 
