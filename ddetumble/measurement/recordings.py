@@ -19,7 +19,7 @@ import numpy as np
 
 from .._errors import InputError, error_place
 from .formats.channel import Channel
-from .layout import RawFile, holds_numbers, lay_out, read_layout, split_heading
+from .layout import RawFile, holds_numbers, holds_rows, lay_out, read_layout, split_heading
 from .tables import find_file
 
 
@@ -240,10 +240,15 @@ def list_folder(folder: Path) -> list[Path]:
     if is_bag(folder):
         return [folder]
     found = sorted(path for path in filter(is_raw, folder.iterdir())
-                   if (path.suffix.lower() in ENDINGS and path.is_file() or is_bag(path)))
+                   if path.suffix.lower() in ENDINGS and path.is_file() or is_bag(path))
     if not found:
         raise InputError(f"the folder holds no raw files ({', '.join(ENDINGS)})", file=folder)
     return found
+
+
+def is_text(path: Path) -> bool:
+    """Whether a file of a folder is a text without rows of numbers, such as notes, and no measurement."""
+    return path.suffix.lower() in TEXT and not holds_rows(path)
 
 
 def is_bag(path: Path) -> bool:
