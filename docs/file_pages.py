@@ -84,7 +84,7 @@ AFTER_SCENARIO = """\
 | `impulse`, `duration` | sizes of all contact impulses added up [N s]; from time 0 to the last separation [s] |
 | `fewest_impacts` | lower bound on their number; null where none can be given |
 | `joint` | what optimising all impacts jointly made of it (`taken`), or one impact less would leave; with `prices` |
-| `relaxations` | where there is no impact: limits each of which, looser, would allow one worth its while |
+| `relaxations` | limits each of which, looser, would allow an impact worth its while, the first or a further one |
 | `impacts` | a row each: place, instant, velocity, pressure, peak, impulse, momentum and rates after, certificate |
 | `refused` | the best further impact, where it is not allowed or not worth its while |
 | `contact` | what strikes: fits by folder, all parameters; `assumed`: by key what nothing says |

@@ -223,7 +223,8 @@ def _refuse_catalogue(effects: Sequence, campaign: str, family: str) -> None:
     from ..families import FAMILIES
     from ..measurement.quantities import join_words
 
-    known = [effect.id for effect in effects if family in FAMILIES and effect in FAMILIES[family].catalogue]
+    own = FAMILIES.get(family)
+    known = [effect.id for effect in effects if own is not None and effect in own.catalogue]
     if known:
         start = shlex.join(["fit", campaign, *(word for one in known for word in ("-e", one)), "-o", "fit"])
         raise InputError(f"{join_words(known, 'and')} of the catalogue {'is' if len(known) == 1 else 'are'} tried "
