@@ -173,7 +173,7 @@ def export_tables(
 
 def show_contents(paths: list[Path]) -> None:
     """Print the channels of files by sheet or group: unit, number of samples, and their interval or first value."""
-    from ..measurement.recordings import is_bag, is_text, list_channels, list_folder
+    from ..measurement.recordings import is_bag, is_notes, list_channels, list_folder
 
     folders = [path for path in paths if path.is_dir() and not is_bag(path)]
     for path in [one for given in paths for one in (list_folder(given) if given in folders else [given])]:
@@ -185,7 +185,7 @@ def show_contents(paths: list[Path]) -> None:
             if path in paths:
                 raise
             # Of a folder's other files the rest is told, too.
-            typer.echo(f"    {'no rows of numbers' if is_text(path) else plain_text(error.problem)}")
+            typer.echo(f"    {'no rows of numbers' if is_notes(path) else plain_text(error.problem)}")
             continue
         for channel in channels:
             if channel.group != shown:

@@ -42,7 +42,7 @@ from .kinds import DEFAULT_KIND, RecordKind, find_kind, take_kind
 from .layout import RawFile, split_heading
 from .plausibility import check_plausibility, say_copies
 from .quantities import join_words
-from .recordings import add_clock, is_bag, is_raw, is_text, list_folder, probe_files, read_files, split_sheet
+from .recordings import add_clock, is_bag, is_notes, is_raw, list_folder, probe_files, read_files, split_sheet
 from .tables import convert_column, read_texts, read_toml
 from .units import (
     ROLES,
@@ -294,7 +294,7 @@ def _list_files(paths, table: Path | None, notes: list[str]) -> list[str]:
         inside = path.is_dir() and not is_bag(path)
         found = [p for p in (list_folder(path) if inside else [path]) if p.resolve() != table]
         if inside:
-            texts = [p for p in found if is_text(p)]
+            texts = [p for p in found if is_notes(p)]
             notes += [f"{p.name} holds no rows of numbers and was left out." for p in texts]
             found = [p for p in found if p not in texts]
             if not found:

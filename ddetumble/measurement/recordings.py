@@ -246,7 +246,7 @@ def list_folder(folder: Path) -> list[Path]:
     return found
 
 
-def is_text(path: Path) -> bool:
+def is_notes(path: Path) -> bool:
     """Whether a file of a folder is a text without rows of numbers, such as notes, and no measurement."""
     return path.suffix.lower() in TEXT and not holds_rows(path)
 
