@@ -29,6 +29,13 @@ def tell_left(elapsed: float, done: int, count: int) -> str:
     return f", about {5 * round(left / 5)} s left" if left < 90.0 else f", about {left / 60:.0f} min left"
 
 
+def tell_passed(elapsed: float) -> str:
+    """` (40 s so far)`, of work that takes long; '' of what has just begun."""
+    if not elapsed >= WORTH_TELLING:
+        return ""
+    return f" ({elapsed:.0f} s so far)" if elapsed < 90.0 else f" ({elapsed / 60:.0f} min so far)"
+
+
 class AbstractPrinted(abc.ABC):
     """A result that is printed by `str`, and by a notebook as HTML."""
 

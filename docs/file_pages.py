@@ -99,19 +99,20 @@ AFTER_SCENARIO = """\
 
 An impact's vectors: `point` is in body components; `arm_velocity`, `normal`, `impulse` and `angular_momentum` are
 inertial; `angular_velocity` is in body components; `debris_velocity` is the drift that the impact gives, and
-`chaser_velocity` the recoil of a chaser of the stated mass, if nothing else holds it.
-`certificate.stationarity` is what is left of the gradient after the binding constraints' share, over the gradient;
-`gradient_error` its largest difference from central differences; `finding` says what they amount to: `optimum`, `not
-an optimum` (more than 2 % of the gradient is left), `nothing left` or `no limit holds`, where the gradient vanishes
-and both say nothing; `binding` names the limits that hold the impact, with their multipliers. `limits_reached` names
-those that it keeps by less than 1 % (of an edge 1 mm), whether they cost anything or not. `extrapolated` lists what
-lies outside of `measured`. `wanted_share` and `reached` are null where the goal is not the momentum and `goal.share`
-is the usual one. In `errors` and `errors_after`, `raised` is the share of the draws that end with more momentum than
-there was before the first impact, `untaken` the share in which none is taken, these among them; `goal` and `goal_q95`
-are of the goal what `mean` and `q95` are of the momentum. In `refused`, `estimate` is the least that closed forms see
-allowed, and `missed` says whether that is worth its while: then the search has failed. In `joint`, `alone` lists the
-number, share left, impulse and duration of the impacts planned one after the other. In `relaxations`, `key` is the
-scenario's, `given` its value, and `needed` one at which such an impact was integrated, the tightest that was found.
+`chaser_velocity` the recoil of a chaser of the stated mass, if nothing else holds it. `certificate.stationarity` is
+what is left of the gradient after the binding constraints' share, over the gradient; `gradient_error` its largest
+difference from central differences; `finding` says what they amount to: `optimum`, `not an optimum` (more than 2 % of
+the gradient is left), `nothing left` or `no limit holds`, where the gradient vanishes and both say nothing; `binding`
+names the limits that hold the impact, with their multipliers. `limits_reached` names those that it keeps by less than 1
+% (of an edge 1 mm), whether they cost anything or not. `extrapolated` lists what lies outside of `measured`.
+`wanted_share` and `reached` are null where the goal is not the momentum and `goal.share` is the usual one. In `errors`
+and `errors_after`, `raised` is the share of the draws that end with more momentum than there was before the first
+impact, `untaken` the share in which none is taken, these among them; `goal` and `goal_q95` are of the goal what `mean`
+and `q95` are of the momentum; `missed` and `violated` are of this impact, `ever_missed` and `ever_violated` of it or
+any before. In `refused`, `estimate` is the least that closed forms see allowed, and `missed` says whether that is worth
+its while: then the search has failed. In `joint`, `alone` lists the number, share left, impulse and duration of the
+impacts planned one after the other. In `relaxations`, `key` is the scenario's, `given` its value, and `needed` one at
+which such an impact was integrated, the tightest that was found.
 """
 
 

@@ -115,6 +115,14 @@ def test_a_misspelt_command_is_told_the_right_one(capsys):
     assert "compare'? `" in told
 
 
+@pytest.mark.parametrize("words", [["-m"], ["--free"], ["--bogus", "1"], []])
+def test_a_wrong_command_line_names_the_help_of_its_command(capsys, words):
+    assert main(["fit", *(["impact-a"] if words else []), *words]) == 2
+    text = capsys.readouterr().err
+    assert_sentence(text)
+    assert "ddetumble fit --help" in text
+
+
 def test_a_folder_of_raw_files_is_to_be_imported(capsys, tmp_path):
     write_raw(tmp_path / "run.csv")
     assert main(["discover", str(tmp_path), "-o", str(tmp_path / "out")]) == 2
@@ -234,8 +242,8 @@ def test_long_work_is_never_silent(capsys, monkeypatch):
             now[0] = float(k)
             report(f"stage {k % 30}: {k}")
             if k == 600:
-                told = len(capsys.readouterr().err.splitlines())
-                assert 8 < told < 20
+                told = capsys.readouterr().err.splitlines()
+                assert 8 < len(told) < 20 and "10 min" in told[-1] and "so far" not in told[0]
     assert 5 < len(capsys.readouterr().err.splitlines()) < 20
 
 

@@ -23,7 +23,7 @@ from ddetumble.dynamics.surfaces import Debris, make_debris, make_polytope
 from ddetumble.planning.errors import err_problem
 from ddetumble.planning.execution import draw_errors, follow_errors, try_errors
 from ddetumble.planning.measured import find_assumed
-from ddetumble.planning.plan import Plan, PlanSettings
+from ddetumble.planning.plan import Mishap, Plan, PlanSettings
 from ddetumble.planning.plausibility import check_scenario
 from ddetumble.planning.prices import REACHED, Price, list_reached, name_narrowed, price_limits, price_sequence
 from ddetumble.planning.problem import Goal, Limits, StrikeProblem, drift, measure_share, score
@@ -346,6 +346,9 @@ def test_errors_of_a_sequence(held):
         assert (one.missed, one.violated) == (0.0, 0.0)
     astray = follow(place=1e4, draws=8)
     assert [(one.missed, one.untaken, one.mean) for one in astray] == [(1.0, 1.0, 1.0)] * 2
+    often = follow(place=0.02)
+    assert 0.0 < often[0].missed == often[0].ever_missed
+    assert max(one.missed for one in often) <= often[1].ever_missed <= min(sum(one.missed for one in often), 1.0)
     assert follow(speed=0.3)[0].mean > planned[0] and follow(inertia=0.2, rates=0.1)[1].mean > planned[1]
 
 
@@ -367,23 +370,31 @@ def test_a_blow_at_any_phase_may_speed_the_body_up():
 
 
 def test_misses_and_limits_that_errors_pass_are_told(held):
-    """The largest share of the draws, with the impact it belongs to; less than one draw in a hundred is not told."""
+    """The share of the draws at any impact, with the one at which it is largest; less than one in a hundred is not
+    told.
+    """
     problem, plan = held
     one = try_errors(problem, plan, ErrorTable(draws=8))[-1]
 
-    def tell(*shares):
-        spreads = tuple(dc.replace(one, missed=missed, violated=violated) for missed, violated in shares)
+    def tell(*shares, ever=None):
+        spreads = tuple(dc.replace(one, missed=missed, violated=violated, ever_missed=missed, ever_violated=violated)
+                        for missed, violated in shares)
+        if ever:
+            spreads = (*spreads[:-1], dc.replace(spreads[-1], ever_missed=ever[0], ever_violated=ever[1]))
         sequence = add_up(problem, [plan] * len(shares), 0.01)
         return Plan(problem, PlanSettings(len(shares), errors=ErrorTable(draws=8)), sequence, spreads=spreads[:1],
                     after=spreads if len(spreads) > 1 else ())
 
     assert tell((0.009, 0.0)).mishaps == {"missed": None, "violated": None}
-    assert tell((0.37, 0.0)).mishaps == {"missed": (0.37, 1), "violated": None}
-    assert tell((0.1, 0.29), (0.37, 0.23), (0.37, 0.0)).mishaps == {"missed": (0.37, 2), "violated": (0.29, 1)}
-    quiet, missed, several = (tell(*shares).sentence for shares in (
-        [(0.0, 0.0)], [(0.37, 0.0)], [(0.0, 0.29), (0.37, 0.0)]))
+    assert tell((0.37, 0.0)).mishaps == {"missed": Mishap(0.37, 1, 0.37), "violated": None}
+    many = tell((0.1, 0.29), (0.37, 0.23), (0.37, 0.0), ever=(0.45, 0.33))
+    assert many.mishaps == {"missed": Mishap(0.45, 2, 0.37), "violated": Mishap(0.33, 1, 0.29)}
+    rare = tell((0.008, 0.0), (0.008, 0.0), ever=(0.016, 0.0))  # neither alone would be told
+    assert rare.mishaps == {"missed": Mishap(0.016, 1, 0.008), "violated": None}
+    quiet, missed, several = (told.sentence for told in (
+        tell((0.0, 0.0)), tell((0.37, 0.0)), tell((0.0, 0.29), (0.37, 0.0), ever=(0.37, 0.31))))
     assert "edge" not in quiet and "limit" not in quiet
-    assert "37 %" in missed and "edge" in missed and "29 %" in several and "impact 2 misses" in several
+    assert "37 %" in missed and "edge" in missed and "31 %" in several and "29 %" in several
     none = dict.fromkeys(ErrorTable().model_dump(exclude={"draws", "plan_for"}), 0.0)
     told = dc.replace(tell((0.37, 0.2)), settings=PlanSettings(errors=ErrorTable(**none)))
     assert told.mishaps == {"missed": None, "violated": None}
@@ -425,11 +436,12 @@ def test_in_how_many_cases_nothing_is_taken_is_told(held):
     """Where that is more than one case in twenty, its share is what the answer says."""
     problem, plan = held
     one = dc.replace(try_errors(problem, plan, ErrorTable(draws=8))[-1], mean=0.5, q95=1.0, raised=0.0, untaken=0.23,
-                     missed=0.0, violated=0.0)
+                     missed=0.0, violated=0.0, ever_missed=0.0, ever_violated=0.0)
     found = Plan(problem, PlanSettings(), add_up(problem, [plan], 0.01), spreads=(one,))
     assert "23 %" in found.sentence
     for missed in (0.2, 0.23):  # told once where it is the misses that take nothing
-        assert dc.replace(found, spreads=(dc.replace(one, missed=missed),)).sentence.count("23 %") == 1
+        astray = dc.replace(one, missed=missed, ever_missed=missed)
+        assert dc.replace(found, spreads=(astray,)).sentence.count("23 %") == 1
     assert "23 %" not in dc.replace(found, spreads=(dc.replace(one, q95=0.9, goal_q95=0.9, goal=0.5),)).sentence
 
 

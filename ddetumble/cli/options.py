@@ -31,7 +31,12 @@ class _Command(TyperCommand):
 
     def parse_args(self, ctx: typer.Context, args: list[str]) -> list[str]:
         """What is left over, of options each of which is given once."""
-        left = super().parse_args(ctx, [*args])
+        try:
+            left = super().parse_args(ctx, [*args])
+        except Exception as error:
+            if getattr(error, "ctx", self) is None:  # an option that lacks its value, whose help is this command's
+                vars(error)["ctx"] = ctx
+            raise
         order = [one for one in self.make_parser(ctx).parse_args(args=[*args])[2] if isinstance(one, TyperOption)]
         for one in order:
             if not (one.multiple or one.is_flag) and order.count(one) > 1:

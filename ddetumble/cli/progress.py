@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 
+from .._display import tell_passed
 from .interrupts import undone_by
 
 
@@ -72,6 +73,6 @@ def _make_lines() -> Report:
             left, last = left - new, now
             told.add(stage)
             with suppress(OSError):  # nobody is listening
-                print(f"ddetumble: {message} …", file=sys.stderr, flush=True)
+                print(f"ddetumble: {message} …{tell_passed(now - began)}", file=sys.stderr, flush=True)
 
     return report

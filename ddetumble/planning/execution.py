@@ -41,6 +41,8 @@ class Spread:
     untaken: float  # share of the draws in which no momentum is taken, these among them
     goal: float  # mean of what is wanted small, over that before the first impact [-]; the momentum where that is it
     goal_q95: float  # that 95 % of the draws stay below
+    ever_missed: float  # share of the draws in which the ball misses here or at an impact before
+    ever_violated: float  # share of the draws in which a limit is passed here or at an impact before
 
 
 def draw_errors(sizes: Mapping[str, float], count: int, seed: int) -> list[dict[str, Array]]:
@@ -73,7 +75,7 @@ def try_errors(problem: StrikeProblem, plan: StrikePlan, errors: ErrorTable, see
         rows.append((*told, np.linalg.norm(_read_drift(after)), 1.0 if after is None else measure_goal(
             one[0], after.angular_velocity)))
     columns = np.moveaxis(np.reshape(rows, (len(groups), -1, 5)), 2, 1)
-    return tuple(_summarise(name, sizes.get(name, np.nan), *own)
+    return tuple(_summarise(name, sizes.get(name, np.nan), own[None])[0]
                  for name, own in zip((*sizes, "all"), columns, strict=True))
 
 
@@ -100,16 +102,21 @@ def follow_errors(problem: StrikeProblem, impacts: Sequence[StrikePlan], errors:
             moved = met if after is None else after
             now = true.begin_after(moved.attitude, moved.angular_velocity)
             rows[k, :, i] = share, missed, violated, np.linalg.norm(drift), measure_goal(begun, moved.angular_velocity)
-    return tuple(_summarise("all", np.nan, *own) for own in rows)
+    return _summarise("all", np.nan, rows)
 
 
-def _summarise(error: str, size: float, share: np.ndarray, missed: np.ndarray, violated: np.ndarray, drift: np.ndarray,
-               goal: np.ndarray) -> Spread:
-    """What all draws of one error come to, each shape (draws,)."""
-    return Spread(error, size, float(share.mean()), float(np.quantile(share, 0.95)), float(missed.mean()),
-                  float(violated.mean()), (float(drift.mean()), float(drift.std())),
-                  float(np.mean(share > 1.0 + RAISED)), float(np.mean(share > 1.0 - RAISED)), float(goal.mean()),
-                  float(np.quantile(goal, 0.95)))
+def _summarise(error: str, size: float, rows: np.ndarray) -> tuple[Spread, ...]:
+    """What all draws of an error come to after each impact, from their share of the momentum, whether the ball misses
+    and whether a limit is passed, drift and goal, shape (impacts, 5, draws).
+    """
+    so_far = np.maximum.accumulate(rows[:, 1:3], axis=0).mean(axis=2)
+    return tuple(
+        Spread(error, size, mean=float(share.mean()), q95=float(np.quantile(share, 0.95)), missed=float(missed.mean()),
+               violated=float(violated.mean()), drift=(float(drift.mean()), float(drift.std())),
+               raised=float(np.mean(share > 1.0 + RAISED)), untaken=float(np.mean(share > 1.0 - RAISED)),
+               goal=float(goal.mean()), goal_q95=float(np.quantile(goal, 0.95)), ever_missed=float(ever[0]),
+               ever_violated=float(ever[1]))
+        for (share, missed, violated, drift, goal), ever in zip(rows, so_far, strict=True))
 
 
 @eqx.filter_jit

@@ -47,7 +47,7 @@ from .uncertainty import Assessment, Prospect, assess_plan, assess_sequence
 # Share of the momentum that no normal force can take, from which it is told: below it nobody would miss it.
 AXIAL = 1e-3
 HOW_DRAWN = {"draws", "plan_for"}  # what of the errors is not their size
-MISHAP = 0.01  # share of the draws from which a miss or a limit that is passed is told: with 512 draws, six of them
+MISHAP = 0.01  # share of the draws from which misses, or limits that are passed, are told: with 512 draws, six of them
 LEAST_PRICE = 5e-4  # of the momentum, below which two plans leave the same: what the search itself leaves open
 USUAL_ERRORS = ErrorTable().model_dump(exclude=HOW_DRAWN)
 # Share of score or momentum before, below which nothing is left to gain, and no direction: a tenth of the least gain of
@@ -56,6 +56,15 @@ ENDED = 1e-3
 AFTERWARDS = 30.0  # s, of free motion drawn at either end, so that the motion before and after is seen
 
 Optimality = Literal["optimum", "not an optimum", "nothing left", "no limit holds"]
+
+
+@dc.dataclass(frozen=True)
+class Mishap:
+    """How often errors make impacts miss, or pass a limit."""
+
+    share: float  # of the draws in which any impact does
+    impact: int  # number of the one that does most often, from 1
+    most: float  # share of the draws in which that one does
 
 
 @dc.dataclass(frozen=True)
@@ -264,17 +273,18 @@ class Plan(AbstractPrinted):
         return (self.after or self.spreads)[-1] if drawn and self.spreads else None
 
     @property
-    def mishaps(self) -> dict[str, tuple[float, int] | None]:
-        """What goes wrong under the errors, by `missed` and `violated`: the largest share of the draws at any impact,
-        and which one that is; None where it is less than `MISHAP`.
+    def mishaps(self) -> dict[str, Mishap | None]:
+        """What goes wrong under the errors at any impact, by `missed` and `violated`; None where that is less often
+        than in `MISHAP` of the draws.
         """
         spreads = (self.after or self.spreads[-1:]) if self.erring is not None else ()
 
-        def find_worst(name: str) -> tuple[float, int] | None:
-            share, k = max(((getattr(one, name), -k) for k, one in enumerate(spreads, 1)), default=(0.0, 0))
-            return (share, -k) if share >= MISHAP else None
+        def sum_up(name: str) -> Mishap | None:
+            shares = [getattr(one, name) for one in spreads]
+            ever = getattr(spreads[-1], f"ever_{name}") if spreads else 0.0
+            return Mishap(ever, shares.index(max(shares)) + 1, max(shares)) if ever >= MISHAP else None
 
-        return {name: find_worst(name) for name in ("missed", "violated")}
+        return {name: sum_up(name) for name in ("missed", "violated")}
 
     def __str__(self) -> str:
         """What was found, and how sure that is."""
