@@ -17,10 +17,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
-from scipy import stats
 
 from .._display import Progress, stay_silent
 from .._sentences import say
+from ..inference import distributions as stats
 from ..inference.problem import simulate_records
 from .target import CampaignTarget, Plan, map_blocks
 

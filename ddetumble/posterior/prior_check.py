@@ -15,9 +15,9 @@ import dataclasses as dc
 from collections.abc import Mapping
 
 import numpy as np
-from scipy import stats
 
 from .._sentences import say
+from ..inference import distributions as stats
 from ..measurement.quantities import format_share
 from .loo import limit_shape, smooth_weights
 from .predictive_check import Replicates, replicate

@@ -14,9 +14,9 @@ from collections.abc import Callable, Sequence
 from typing import final
 
 import numpy as np
-from scipy import special, stats
-from scipy.cluster.vq import kmeans2
+from scipy import special
 
+from ..inference import distributions as stats
 from .target import AbstractTarget
 
 
@@ -198,6 +198,8 @@ def _cluster(x: np.ndarray, most: int, random: np.random.RandomState) -> tuple[l
     number = int(np.clip(len(np.unique(x, axis=0)) // (2 * EACH * free), 1, most))
     label = np.zeros(len(x), dtype=int)
     if number > 1:
+        from scipy.cluster.vq import kmeans2  # whose import a command that draws nothing need not wait for
+
         factor = np.linalg.cholesky(np.atleast_2d(np.cov(x.T)))
         _, label = kmeans2(np.linalg.solve(factor, (x - x.mean(axis=0)).T).T, number, minit="++",
                            rng=np.random.default_rng(random.randint(2**31)))

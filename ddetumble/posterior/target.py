@@ -26,11 +26,12 @@ import jax.numpy as jnp
 import jax.scipy.linalg as jsl
 import numpy as np
 from jaxtyping import Array
-from scipy import optimize, stats
+from scipy import optimize
 
 from .._errors import ComputationError, InputError
 from .._numerics import map_threads
 from ..contact.transform import TRANSFORMS
+from ..inference import distributions as stats
 from ..inference.bounded import Bounded, solve_bounded
 from ..inference.findings import Fit
 from ..inference.identifiability import analyse_fit
