@@ -89,51 +89,100 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
         return fit_reference(pose_selection(campaign, reference, effects, given, zeros, settings))
 
     with limit_effort(settings.effort) as effort:
-        state, path = _select_from_clean(begin, begin_cleaning(campaign, keep_all, settings), settings, report)
-        name, others = asked.name, {}
-        path, shared, instead = _allow_bias(allow_scatter(path, report), begin, state, report)
-        path = allow_wander(path, report)
-        # A wrong unit that would explain what is odd about the campaign is asked about before any physics is named.
-        questions = tuple(str(one) for one in check_plausibility(state.campaign) if one.mistakes)
-        if not questions:
-            report("asking whether pressures and diameters are stated rightly", 0.877)
-            restated = find_restatement(state.campaign, path, lambda campaign: begin(campaign, state.zeros),
-                                        shared is not None, settings, report)
-            if restated is not None:
-                one, beside = restated
-                questions = (say(f"verdict.{one.macro}", **one.facts, effects=list(beside), model=repr(asked.name)),)
-        # As many effects as may stand without other reference models explain nothing, or one beyond what physics
-        # allows.
-        open_ended = len(path.steps[-1].fitted.effects) >= settings.effects_before_rivals or path.keep_physical()[1]
-        if open_ended and not path.is_explained() and not questions:
-            report("trying the other reference models", 0.88)
-            fits = _fit_references(asked, begin, state, path.steps[0].fitted, settings, report)
-            others = _search_beside(fits, settings, report)
-            # Where no condition can be left out, nothing confirms the effects beside another reference model: only one
-            # that needs none of them counts. Of several the one with the fewest parameters. Where effects beyond
-            # physics leave no misfit, as a wrong range does, another model with more parameters than theirs only
-            # imitates them.
-            last = path.steps[-1]
-            fewest = np.inf if last.lack.rejected else len(last.fitted.solution.names)
-            good = {n: other.steps[-1].fitted for n, other in others.items()
-                    if other.is_explained() and (other.selection.holds_out or len(other.steps) == 1)
-                    and len(other.steps[-1].fitted.solution.names) <= fewest}
-            if good:
-                name = min(good, key=lambda n: (len(good[n].solution.names), good[n].merit))
-                path = others[name]
-            else:
-                path = extend_path(path, settings.most_effects, report)
-        end = _doubt_record(_conclude(path, bool(questions), report), state,
-                            any(noise.slow_sd for noise in path.selection.noise.values()))
+        search = _search(asked, begin, begin_cleaning(campaign, keep_all, settings), settings, report)
+        end = _doubt_record(_conclude(search.path, bool(search.questions), report), search.state,
+                            any(noise.slow_sd for noise in search.path.selection.noise.values()))
     end = _leave_open(end, effort)
-    reached = {n: (other.selection, other.steps[-1]) for n, other in others.items()}
-    last = end.steps[-1].fitted.solution
-    if end.verdict in OPEN and not others and path.selection.reduce_chi2(last) > settings.far:
-        report("fitting the other reference models by themselves", 0.96)
+    reached = _reach_others(search, end, begin, settings, report)
+    return _write_down(search, end, reached, effort, began, report)
+
+
+# Fits the reference model to a campaign with such moving zeros: the problem, and the fit.
+Begin = Callable[..., tuple[SelectionProblem, Fitted]]
+
+
+@dc.dataclass(frozen=True)
+class Search:
+    """What forward selection came to, beside which reference model, and what it was asked and told."""
+
+    asked: ResolvedModel
+    state: Cleaned
+    path: Path
+    name: str  # of the reference model beside which the path was found
+    others: Mapping[str, Path]  # beside other reference models, by their names
+    questions: tuple[str, ...]  # about settings or units that may be stated wrongly, before any physics is named
+    shared: SettingBias | None  # the error of a setting that all records share, where it is allowed for
+    instead: Path | None  # the search without that error, where what it finds in its place does as well
+
+
+def _search(asked: ResolvedModel, begin: Begin, state: Cleaned, settings: SelectionSettings, report: Progress
+            ) -> Search:
+    """Forward selection on what is clean, with all that may stand in the place of physics; then, where that explains
+    nothing, beside other reference models."""
+    state, path = _select_from_clean(begin, state, settings, report)
+    name, others = asked.name, {}
+    path, shared, instead = _allow_bias(allow_scatter(path, report), begin, state, report)
+    path = allow_wander(path, report)
+    # A wrong unit that would explain what is odd about the campaign is asked about before any physics is named.
+    questions = tuple(str(one) for one in check_plausibility(state.campaign) if one.mistakes)
+    if not questions:
+        report("asking whether pressures and diameters are stated rightly", 0.877)
+        restated = find_restatement(state.campaign, path, lambda campaign: begin(campaign, state.zeros),
+                                    shared is not None, settings, report)
+        if restated is not None:
+            one, beside = restated
+            questions = (say(f"verdict.{one.macro}", **one.facts, effects=list(beside), model=repr(asked.name)),)
+    # As many effects as may stand without other reference models explain nothing, or one beyond what physics allows.
+    open_ended = len(path.steps[-1].fitted.effects) >= settings.effects_before_rivals or path.keep_physical()[1]
+    if open_ended and not path.is_explained() and not questions:
+        report("trying the other reference models", 0.88)
         fits = _fit_references(asked, begin, state, path.steps[0].fitted, settings, report)
-        reached = {n: (one, FittedStep(alone, *one.test_lack_of_fit(alone))) for n, one, alone in fits}
+        others = _search_beside(fits, settings, report)
+        other = _choose_reference(path, others)
+        if other is None:
+            path = extend_path(path, settings.most_effects, report)
+        else:
+            name, path = other, others[other]
+    return Search(asked, state, path, name, others, questions, shared, instead)
+
+
+def _choose_reference(path: Path, others: Mapping[str, Path]) -> str | None:
+    """Name of another reference model that explains the campaign in place of the one whose search is `path`.
+
+    Where no condition can be left out, nothing confirms the effects beside another reference model: only one that needs
+    none of them counts. Of several the one with the fewest parameters. Where effects beyond physics leave no misfit, as
+    a wrong range does, another model with more parameters than theirs only imitates them.
+    """
+    last = path.steps[-1]
+    fewest = np.inf if last.lack.rejected else len(last.fitted.solution.names)
+    good = {name: other.steps[-1].fitted for name, other in others.items()
+            if other.is_explained() and (other.selection.holds_out or len(other.steps) == 1)
+            and len(other.steps[-1].fitted.solution.names) <= fewest}
+    return min(good, key=lambda name: (len(good[name].solution.names), good[name].merit), default=None)
+
+
+# How far another reference model came, by its name: its problem, and its last step.
+Reached = Mapping[str, tuple[SelectionProblem, FittedStep]]
+
+
+def _reach_others(search: Search, end: "Conclusion", begin: Begin, settings: SelectionSettings, report: Progress
+                  ) -> Reached:
+    """Other reference models as they were searched beside; else, of a misfit that is far from explained, each fitted by
+    itself."""
+    selection, steps = search.path.selection, end.steps
+    if end.verdict in OPEN and not search.others and selection.reduce_chi2(steps[-1].fitted.solution) > settings.far:
+        report("fitting the other reference models by themselves", 0.96)
+        fits = _fit_references(search.asked, begin, search.state, search.path.steps[0].fitted, settings, report)
+        return {name: (one, FittedStep(alone, *one.test_lack_of_fit(alone))) for name, one, alone in fits}
+    return {name: (other.selection, other.steps[-1]) for name, other in search.others.items()}
+
+
+def _write_down(search: Search, end: "Conclusion", reached: Reached, effort: Effort, began: float, report: Progress
+                ) -> Discovery:
+    """The result: every step described, what could not be told apart, and all of it in sentences."""
     report("writing it down", 0.97)
-    selection, verdict = path.selection, end.verdict
+    path, state, name, questions, shared = search.path, search.state, search.name, search.questions, search.shared
+    selection, settings, verdict = path.selection, path.selection.settings, end.verdict
     steps, rivals = settle_rivals(selection, end.steps)
     described = []
     for k, one in enumerate(steps):
@@ -149,10 +198,12 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
               or any(fault.kind == "doubtful" for fault in state.faults))
     sufficient = [] if unsure else [c.effect for c in candidates if c.explains > settings.largest_part]
     dropped, unproven = list_added(end.dropped) if end.dropped else (), (path, end.dropped or steps, end.biases)
-    if instead is not None and shared is not None and verdict == "explained" and name == asked.name:
-        dropped = tuple(one for one in list_added(instead.steps) if one[0] in shared.effects)
-        unproven = instead, instead.steps, [dc.replace(one, effects=shared.effects) for one in (shared, *shared.alike)]
+    if search.instead is not None and shared is not None and verdict == "explained" and name == search.asked.name:
+        dropped = tuple(one for one in list_added(search.instead.steps) if one[0] in shared.effects)
+        unproven = search.instead, search.instead.steps, [
+            dc.replace(one, effects=shared.effects) for one in (shared, *shared.alike)]
     explanations, makers = list_explanations(*unproven, sufficient, name, verdict)
+    models = find_family(name_family(campaign)).models
     found = Discovery(
         campaign=campaign.name, title=campaign.title, family=campaign.family, sha256=campaign.sha256, model=name,
         verdict=verdict, effects=last.fitted.effects, steps=tuple(described), candidates=tuple(candidates),
@@ -162,30 +213,33 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
             "conditions": count_conditions(campaign.records), "rounds": effort.done,
             "seconds": round(time.perf_counter() - began, 2)},
         faults=state.faults, doubts=doubts, references=tuple(
-            _describe_reference(n, kind.models[n].text, *one, selection.noise) for n, one in reached.items()),
+            _describe_reference(n, models[n].text, *one, selection.noise) for n, one in reached.items()),
         spread=describe_spread(selection), irregular=end.irregular, unrepeated=end.unrepeated,
         unsearched=effort.left_out if end.stopped else (), biases=tuple(end.biases), shared_error=shared,
         rounding=end.rounding, dropped=dropped, explanations=explanations,
         missing=end.missing if isinstance(end.missing, MissingForce) and not end.irregular else None,
         made=(*made, makers))
-    family, left_out = selection.family, selection.left_out
     found = dc.replace(found, reason=name_reason(found, bool(questions)))
-    notes = list_notes(found, family, left_out, asked.name, end.missing if isinstance(end.missing, str) else "",
-                       list_exact(campaign) if rejected else [], list_loose(selection, last.fitted.solution))
+    return _put_into_words(found, search, end, effort, last.fitted)
+
+
+def _put_into_words(found: Discovery, search: Search, end: "Conclusion", effort: Effort, last: Fitted) -> Discovery:
+    """The same with its sentence, and with notes on data, settings and intervals."""
+    state, selection, asked = search.state, search.path.selection, search.asked.name
+    campaign, family, left_out, at = selection.campaign, selection.family, selection.left_out, last.solution
+    rejected = found.steps[0].lack_of_fit.rejected
+    notes = list_notes(found, family, left_out, asked, end.missing if isinstance(end.missing, str) else "",
+                       list_exact(campaign) if rejected else [], list_loose(selection, at))
     if effort.left_out and not end.stopped:
         notes.append(say("verdict.unsearched", rounds=effort.done, searches=list(effort.left_out)))
-    at = last.fitted.solution
-    if told := widen_intervals(selection.problem, at, selection.noise, bool(selection.spread), settings.scatter).tell():
+    scatter = selection.settings.scatter
+    if told := widen_intervals(selection.problem, at, selection.noise, bool(selection.spread), scatter).tell():
         notes.append(told)
-    if verdict not in OPEN and shared is None:
+    if found.verdict not in OPEN and search.shared is None:
         hidden = tell_systematics(measure_systematics(selection.problem, at, at.covariance(), campaign))
         notes += [hidden] if hidden else []
-    return dc.replace(found, sentence=tell_discovery(found, family, left_out, bool(questions), asked.name),
+    return dc.replace(found, sentence=tell_discovery(found, family, left_out, bool(search.questions), asked),
                       notes=(*map(str, state.faults), *state.notes, *selection.warnings, *notes))
-
-
-# Fits the reference model to a campaign with such moving zeros: the problem, and the fit.
-Begin = Callable[..., tuple[SelectionProblem, Fitted]]
 
 
 def _select_from_clean(begin: Begin, state: Cleaned, settings: SelectionSettings, report: Progress
