@@ -143,13 +143,17 @@ def write_parquet(path, held):
 
 
 def write_tdms(path, groups, properties=None):
-    """A TDMS file of groups of channels (unit, values), or (unit, step, values) with a clock, and `properties`."""
-    from nptdms import ChannelObject, GroupObject, TdmsWriter
+    """A TDMS file of groups of channels (unit, values), or (unit, step, values) with a clock, and the `properties` of
+    groups, those of the file under ''.
+    """
+    from nptdms import ChannelObject, GroupObject, RootObject, TdmsWriter
 
     groups = groups if isinstance(next(iter(groups.values())), dict) else {"Bench": groups}
     with TdmsWriter(str(path)) as writer:
         for group, held in groups.items():
-            objects = [GroupObject(group, properties=properties[group])] if properties else []
+            about = properties or {}
+            objects = [RootObject(about[""])] if "" in about else []
+            objects += [GroupObject(group, properties=about[group])] if group in about else []
             for name, (unit, *step, values) in held.items():
                 about = {"unit_string": unit} if unit else {}
                 about |= {"wf_increment": step[0], "wf_start_offset": 0.0, "wf_samples": len(values)} if step else {}

@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
+from helpers_formats import write_tdms
 from helpers_measurement import pulse, raw_text, raw_trace
 
 import ddetumble as dd
@@ -841,3 +842,37 @@ def test_a_german_heading_names_the_records(tmp_path):
     write(tmp_path / "set.csv", "Lauf;Druck [bar];Geschwindigkeit [mm/s]\n3;10,5;400\n")
     campaign = import_tests(tmp_path / "3.csv", conditions=tmp_path / "set.csv")
     assert float(campaign.records["initial_pressure"].iloc[0]) == pytest.approx(1.05e6)
+
+
+def write_shot(path, number, onset):
+    """One test of several: a trace, pulled where it is pressed, with settings of names of its own."""
+    time, force = raw_trace(onset=onset, offset=0.2 * number, seed=number)
+    return write_tdms(path, {"DAQ": {"Fz": ("N", time[1] - time[0], -force)}},
+                      {"DAQ": {"p_Ball [bar]": 10.0 + number, "v_Impact [m/s]": 0.3}})
+
+
+def test_settings_of_other_names_are_found_by_their_units(tmp_path):
+    """A condition that nothing gives is asked about by the single value of the files that has its unit, in words that
+    can be typed; a channel goes by its heading, too; a quantity of two columns is refused.
+    """
+    path = write_shot(tmp_path / "a.tdms", 0, 0.02)
+    with pytest.raises(InputError) as caught:
+        import_tests(path)
+    assert "--keep 'initial_pressure=p_Ball'" in str(caught.value)
+    keep = ["initial_pressure=p_Ball", "approach_speed=v_Impact"]
+    campaign = import_tests(path, keep=keep, reverse="Fz")
+    assert campaign.records["initial_pressure"].iloc[0] == pytest.approx(1e6)
+    pd.testing.assert_frame_equal(campaign.samples, import_tests(path, keep=keep, reverse="force").samples)
+    with pytest.raises(InputError, match="two columns"):
+        import_tests(path, keep=[*keep, "p0=v_Impact"])
+
+
+def test_onsets_of_many_records_are_told_in_sum(tmp_path):
+    """The first and the last, by their records; of few records each."""
+    paths = [write_shot(tmp_path / f"shot{k}.tdms", k, 0.02 + 0.001 * ((3 * k) % 7)) for k in range(7)]
+    keep = ["initial_pressure=p_Ball", "approach_speed=v_Impact"]
+    many = [one for one in import_tests(paths, keep=keep).notes if "raw time" in one or "Offsets" in one]
+    assert len(many) == 2 and "shot0" in many[0] and "shot2" in many[0]
+    assert "shot6" in many[1] and "shot0" not in many[1]
+    few = [one for one in import_tests(paths[:3], keep=keep).notes if "raw time" in one]
+    assert len(few) == 3 and all(any(f"shot{k}" in one for one in few) for k in range(3))

@@ -218,13 +218,25 @@ def test_properties_of_tdms_groups_are_conditions(tmp_path):
         1e6, 1e6]
 
 
+def test_properties_of_a_tdms_file_hold_for_its_groups(tmp_path):
+    """A group's own property goes before the file's of that name; a file of one group takes them all the same."""
+    about = {"": {"p [bar]": 10.0, "v [m/s]": 0.5, "operator": "JB"}, "shot 2": {"p [bar]": 12.0}}
+    path = write_tdms(tmp_path / "a.tdms", {name: clocked() for name in ("shot 1", "shot 2")}, about)
+    found = dd.import_tests(path, sheet="*").records
+    assert list(found["initial_pressure"]) == pytest.approx([1e6, 1.2e6])
+    assert list(found["approach_speed"]) == [0.5, 0.5]
+    alone = dd.import_tests(write_tdms(tmp_path / "b.tdms", {"shot": clocked()}, {"": about[""]})).records
+    assert list(alone["initial_pressure"]) == pytest.approx([1e6])
+
+
 @pytest.mark.parametrize("name", ["time", "force", "gain", "sample rate", "nothing [N]"])
 def test_a_property_is_no_channel(tmp_path, name):
     """A number that a program wrote beside the channels under a channel's name, or any other, is left alone."""
     settings = {"pressure [bar]": 10.0, "v [m/s]": 0.5}
-    plain, more = (dd.import_tests(write_tdms(tmp_path / "a.tdms", {"shot": clocked()}, {"shot": about}))
-                   for about in (settings, settings | {name: 3.5}))
+    plain, more, wide = (dd.import_tests(write_tdms(tmp_path / "a.tdms", {"shot": clocked()}, about)) for about in (
+        {"shot": settings}, {"shot": settings | {name: 3.5}}, {"shot": settings, "": {name: 3.5}}))
     assert more.samples.equals(plain.samples) and more.records.equals(plain.records)
+    assert wide.samples.equals(plain.samples) and wide.records.equals(plain.records)
 
 
 def test_tdms_that_is_cut_off_or_none(tmp_path):

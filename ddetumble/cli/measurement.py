@@ -196,5 +196,6 @@ def show_contents(paths: list[Path]) -> None:
             if channel.clock is not None and count > 1:
                 about += f", clock of its own, every {float(channel.clock[-1] - channel.clock[0]) / (count - 1):.6g} s"
             elif count:
-                about += f", {'from ' * (count > 1)}{channel.values[0]}"
+                first = channel.values[0]
+                about += f", {'from ' * (count > 1)}{first if isinstance(first, str) else f'{first:.6g}'}"
             typer.echo(f"    {plain_text(f'{channel.name}{unit}: {channel.problem or about}')}")

@@ -6,6 +6,7 @@ record. Tumbling: time from each record's start, body z along the axis of symmet
 
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from scipy import special, stats
 
 from .._errors import InputError, error_place
 from .checks import FEWEST_SAMPLES, share_work
-from .columns import Plan, expand_role, read_pairs
+from .columns import Plan, read_pairs
 from .onset import FEWEST_BEFORE, Onsets, find_onsets
 from .quantities import format_estimate
 from .units import parse_quantity, si_unit
@@ -27,6 +28,8 @@ STEADY = 0.1
 # Deviations of the onset within which a sample of a moving channel may be one of the approach.
 NEAR = 3.0
 CUT = ("level", "before", "after")
+FEW = 4  # records that are told one by one
+NO_OFFSET = "no offset subtracted"
 
 
 @dataclass
@@ -42,7 +45,7 @@ class RawTest:
 def reverse_signs(tests: list[RawTest], names, plan: Plan) -> None:
     """Reverse the sign of channels, in place."""
     for name in [names] if isinstance(names, str) else names or ():
-        channel = expand_role(name, plan.kind)
+        channel = plan.find_quantity(name)
         for test in tests:
             _find_channel(test, channel, "--reverse")
             test.values[channel] = -test.values[channel]
@@ -52,7 +55,7 @@ def reverse_signs(tests: list[RawTest], names, plan: Plan) -> None:
 def subtract_zeros(tests: list[RawTest], windows, plan: Plan) -> None:
     """Take from each record of a channel its mean over a window of the raw time, in place: NAME=START to END."""
     for name, text in read_pairs("zero", windows).items():
-        channel = expand_role(name, plan.kind)
+        channel = plan.find_quantity(name)
         start, end = _read_window(text, f"--zero {name}")
         for test in tests:
             values = _find_channel(test, channel, "--zero")
@@ -163,19 +166,17 @@ def align_tests(tests: list[RawTest], plan: Plan, onset) -> tuple[dict[str, floa
     times, common = _given_onsets(tests, plan, onset), 0.0
     if times is None:
         found = _find_onsets(tests, notes)
-        contacts = [(float(time), format_estimate(1e3 * time, 1e3 * sd, "ms"))
-                    for time, sd in zip(found.time, found.sd, strict=True)]
+        contacts = list(zip(map(float, found.time), map(float, found.sd), strict=True))
         clock, common = math.sqrt(float(np.mean(found.sd**2))), found.common_sd
     else:
-        contacts = [(times[test.key], f"{times[test.key] * 1e3:.6g} ms") for test in tests]
+        contacts = [(times[test.key], 0.0) for test in tests]
         clock = float(np.median([np.median(np.diff(
             test.values["time"][np.isfinite(test.values["normal_force"])])) for test in tests])) / math.sqrt(12)
         notes.append("The time origin was given.")
     squares, before, moving = {}, {}, []
-    told: dict[str, str] = {}
-    for test, (start, contact) in zip(tests, contacts, strict=True):
+    offsets: dict[str, dict[str, float]] = {test.key: {} for test in tests}
+    for test, (start, _) in zip(tests, contacts, strict=True):
         test.values["time"] = t = test.values["time"] - start
-        shown = []
         for name, values in list(test.values.items()):
             calm = (t < 0) & ~np.isnan(values)
             quiet = values[calm]
@@ -190,12 +191,8 @@ def align_tests(tests: list[RawTest], plan: Plan, onset) -> tuple[dict[str, floa
                 offset = find_offset(quiet)
                 if offset:
                     test.values[name] = values - offset
-                    shown.append(f"{name} {offset:.4g} {si_unit(name)}")
-        offset = f"offsets subtracted: {', '.join(shown)}" if shown else "no offset subtracted"
-        told[test.key] = f"contact begins at {contact} of the raw time; {offset}."
-    same = len(told) > 1 and len(set(told.values())) == 1
-    notes += [f"In every record {next(iter(told.values()))}"] if same else [
-        f"Record {key}: {text}" for key, text in told.items()]
+                    offsets[test.key][name] = offset
+    notes += _tell_contacts({test.key: one for test, one in zip(tests, contacts, strict=True)}, offsets)
     if "initial_pressure" not in plan.conditions and len(before) == len(tests):
         plan.add("initial_pressure", before, "Pa", "the pressure channel")
         notes.append("initial_pressure is the mean of the pressure channel before contact.")
@@ -208,6 +205,33 @@ def align_tests(tests: list[RawTest], plan: Plan, onset) -> tuple[dict[str, floa
                      f"{shared['depression'] * 1e3:.3g} mm.")
     spreads = {name: math.sqrt(float(np.mean(v))) for name, v in squares.items() if len(v) == len(tests)}
     return spreads | {"time": clock}, shared
+
+
+def _tell_contacts(contacts: Mapping[str, tuple[float, float]], offsets: Mapping[str, Mapping[str, float]]
+                   ) -> list[str]:
+    """When contact begins, with its standard deviation [s], and what was subtracted, by record; of many in sum."""
+    def tell(key: str) -> str:
+        time, sd = contacts[key]
+        when = format_estimate(1e3 * time, 1e3 * sd, "ms") if sd else f"{time * 1e3:.6g} ms"
+        shown = ", ".join(f"{name} {offset:.4g} {si_unit(name)}" for name, offset in offsets[key].items())
+        return f"contact begins at {when} of the raw time; {f'offsets subtracted: {shown}' if shown else NO_OFFSET}."
+
+    told = {key: tell(key) for key in contacts}
+    if len(told) > 1 and len(set(told.values())) == 1:
+        return [f"In every record {next(iter(told.values()))}"]
+    if len(told) <= FEW:
+        return [f"Record {key}: {text}" for key, text in told.items()]
+    first, last = (pick(contacts, key=lambda key: contacts[key][0]) for pick in (min, max))
+    surest, least = (1e3 * pick(sd for _, sd in contacts.values()) for pick in (min, max))
+    known = f", known to {surest:.2g} to {least:.2g} ms" if least else ""
+    notes = [f"Contact begins between {1e3 * contacts[first][0]:.5g} ms (record {first}) and "
+             f"{1e3 * contacts[last][0]:.5g} ms (record {last}) of the raw time{known}."]
+    for name in dict.fromkeys(name for own in offsets.values() for name in own):
+        own = {key: one[name] for key, one in offsets.items() if name in one}
+        low, high = (pick(own, key=lambda key: own[key]) for pick in (min, max))
+        notes.append(f"Offsets of {name} were subtracted in {len(own)} of {len(told)} records: {own[low]:.4g} "
+                     f"(record {low}) to {own[high]:.4g} {si_unit(name)} (record {high}).")
+    return notes if len(notes) > 1 else [f"{notes[0].removesuffix('.')}; {NO_OFFSET}."]
 
 
 def _find_onsets(tests: list[RawTest], notes: list[str]) -> Onsets:

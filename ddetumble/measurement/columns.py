@@ -168,6 +168,8 @@ class Plan:
     conditions: dict[str, dict[str, float]] = field(default_factory=dict)  # by name and record key, SI
     sources: dict[str, str] = field(default_factory=dict)  # where each condition comes from
     stated: dict[str, str] = field(default_factory=dict)  # unit that the files state for a quantity; "" where several
+    # Single values beside the channels of files that nothing says the meaning of, to their units.
+    singles: dict[str, str | None] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)  # every decision, in sentences
 
     def note_unit(self, name: str, text: str) -> None:
@@ -184,6 +186,12 @@ class Plan:
             name = given.get("pressure") or given.get(self.kind.pressure)  # a pressure may be that of the test's begin
         self.used |= {name} if name else set()
         return self.units[name] if name else stated
+
+    def find_quantity(self, name: str) -> str:
+        """The quantity that an option means by its name, a short one, or the heading that it was read from."""
+        quantity = expand_role(name, self.kind)
+        return quantity if quantity in self.headings else next(
+            (role for role, heading in self.headings.items() if name in (heading, split_heading(heading)[0])), quantity)
 
     def find_in_table(self, role: str, text: str) -> str | None:
         """The column of the table of conditions that an option names, or None; a series of samples is none there."""
@@ -223,7 +231,11 @@ def make_plan(kind: RecordKind, force, time, slip, record_column, units, keep, d
         entry.rpartition("=")[::2] for entry in ([keep] if isinstance(keep, str) else keep or ())]
     for name, column in entries:
         if name:
-            choices[expand_role(name.strip(), kind)] = str(column).strip()
+            role, column = expand_role(name.strip(), kind), str(column).strip()
+            if role in choices:
+                raise InputError(f"{role} is given two columns, {choices[role]!r} and {column!r}; choose one",
+                                 option="--keep")
+            choices[role] = column
         else:
             extra[column] = name_condition(split_heading(column)[0])
     told = {kind.main: force, "time": time, "slip": slip, "record": record_column}

@@ -221,7 +221,18 @@ def require_needs(plan: Plan, tests: int, path) -> None:
         where = f"; give {option}, --conditions FILE.csv or --name-pattern" if plan.table is None else (
             f": the table has {list_columns(plan.table)}; name the column with --keep '{name}=COLUMN', add one "
             f"like {heading!r}{alone}")
+        near = [one for one, unit in plan.singles.items() if unit and _has_unit_of(name, unit)]
+        for one in near[:1]:
+            where = f"; if it is the {one!r} of the files, say so with --keep '{name}={one}'; else{where[1:]}"
         raise InputError(f"{name} is not known{where}", file=path)
+
+
+def _has_unit_of(name: str, text: str) -> bool:
+    """Whether a unit is one of that quantity."""
+    try:
+        return parse_unit(text).dimension == parse_unit(si_unit(name)).dimension
+    except InputError:
+        return False
 
 
 def note_exact(plan: Plan, stated: Collection[str]) -> None:

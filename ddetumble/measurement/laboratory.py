@@ -339,6 +339,9 @@ def _read_tests(raw: RawFile, plan: Plan) -> list[RawTest]:
         raw = _add_clock(raw, plan, plan.rate)
     roles, kind, values = choose_columns(raw, plan), plan.kind, {}
     left = ", ".join(column for column in raw.columns if column not in roles.values())
+    most = max(map(len, raw.columns.values()), default=0)
+    plan.singles |= {column: raw.units.get(column) for column, cells in raw.columns.items()
+                     if len(cells) == 1 < most and column not in roles.values()}
     raw = raw.join(roles.values())
     plan.notes += raw.notes
     require_units(raw, roles, plan)

@@ -14,10 +14,11 @@ from .channel import Channel, make_channels
 TAG = b"TDSm"  # first bytes of every segment
 LEAD_IN = struct.Struct("<4sIIQQ")  # tag, contents, version, length of the segment after this, and of its metadata
 
+
 def read_tdms(path: Path) -> list[Channel]:
     """Channels of all groups; those with `wf_increment` have a clock, counted from the first start in their group.
 
-    Numbers among the properties of a group are single values beside its channels.
+    Numbers among the properties of a group, and of the file, are single values beside its channels.
     """
     import nptdms
 
@@ -36,7 +37,8 @@ def read_tdms(path: Path) -> list[Channel]:
                     clock = clock + (starts[one.name] - min(starts.values())) / np.timedelta64(1, "ns") / 1e9
                 unit = one.properties.get("unit_string")
                 found += make_channels(one.name, one[:], unit if isinstance(unit, str) else None, group.name, clock)
-            for name, value in group.properties.items():  # settings of a test, as LabVIEW programs write them
+            # Settings of a test, as LabVIEW programs write them; those of the file hold for all of its groups.
+            for name, value in (dict(file.properties) | dict(group.properties)).items():
                 if isinstance(value, numbers.Real) and not isinstance(value, bool):
                     found += make_channels(name, [float(value)], None, group.name)
     return found
