@@ -3,6 +3,7 @@ shipped data are.
 """
 
 import ctypes
+import difflib
 import gc
 import logging
 import os
@@ -157,7 +158,11 @@ def locate_campaign(path: str | Path) -> Path:
         return find_data() / given
     shipped = list_shipped()
     near = [name for name in shipped if name.rpartition("/")[2] == given.as_posix()]
+    parent = given.parent
+    beside = sorted(one.name for one in parent.iterdir() if one.is_dir()) if parent.is_dir() else []
+    alike = difflib.get_close_matches(given.name, beside, n=1)
     raise InputError(f"this folder does not exist; did you mean {near[0]}, which comes with the toolkit?" if near else
+                     f"this folder does not exist; did you mean {parent / alike[0]}?" if alike else
                      f"this folder does not exist; check the path, or name a campaign that comes with the toolkit: "
                      f"{', '.join(shipped)}",
                      file=str(path))

@@ -106,6 +106,7 @@ RECORD_FIELDS = ("resources", 0, "schema", "fields")
     ("path", "value", "words"),
     [
         (("family",), "crash", ("family must be impact, slip", "'crash'")),
+        (("family",), "tumbling", ("did you mean tumble",)),
         (("family",), None, ("family is missing", "impact, slip, tumble or FILE.py:NAME")),
         (("resources",), [], ("resources",)),
         (("resources",), None, ("resources is missing",)),

@@ -287,6 +287,9 @@ def test_shipped_campaigns(capsys, monkeypatch, tmp_path):
         dd.read_campaign("table-4")
     (tmp_path / "impact-a").mkdir()
     assert locate_campaign("impact-a") == Path("impact-a")
+    (tmp_path / "strikes").mkdir()
+    with pytest.raises(dd.InputError, match="did you mean strikes"):
+        locate_campaign("strike")
 
 
 @pytest.mark.parametrize(

@@ -373,7 +373,9 @@ def test_models_to_tell_apart_are_named(rivals, tmp_path, capsys):
     (["--limit", "slip_speed=-1..1 m/s"], "must be positive"),
     (["--limit", "humidity=1..2"], "there is no condition 'humidity'"),
     (["--channel", "pressure: 200 Pa"], "not a channel that could be added"),
-    (["--length", "-1"], "must be positive"),
+    (["--length", "-1 m"], "must be positive"),
+    (["--length", "1"], "needs a unit"),
+    (["--length", "20 ms"], "slip"),
 ])
 def test_bad_options(rivals, capsys, option, says):
     """One sentence, exit code 2."""

@@ -876,3 +876,13 @@ def test_onsets_of_many_records_are_told_in_sum(tmp_path):
     assert "shot6" in many[1] and "shot0" not in many[1]
     few = [one for one in import_tests(paths[:3], keep=keep).notes if "raw time" in one]
     assert len(few) == 3 and all(any(f"shot{k}" in one for one in few) for k in range(3))
+
+
+def test_a_gyroscope_taken_for_a_force_is_asked_about(tmp_path):
+    """Axes that are called as gyroscopes call theirs name the family; with it they are the rates."""
+    headings = ["t [s]", *(f"g{axis} [deg/s]" for axis in "xyz")]
+    path = write(tmp_path / "spin.csv", raw_text([np.arange(9.0)] * 4, headings))
+    with pytest.raises(InputError, match="--family tumble"):
+        import_tests(path)
+    campaign = import_tests(path, family="tumble", uncertainty="angular_velocity=0.01 deg/s")
+    np.testing.assert_allclose(campaign.samples["angular_velocity_y"], np.radians(np.arange(9.0)))

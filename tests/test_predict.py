@@ -22,7 +22,7 @@ from ddetumble.inference.problem import Problem
 from ddetumble.inference.stack import default_noise, stack_records
 from ddetumble.measurement.package import read_campaign
 from ddetumble.selection import predict as prediction
-from ddetumble.selection.predict import find_squeezes
+from ddetumble.selection.predict import find_squeezes, read_request
 
 
 BASE = {"effective_mass": 1.3, "restitution": 0.72}
@@ -235,6 +235,22 @@ def test_units_in_headings_and_times_of_its_own(reference, tmp_path):
         assert 50 < len(own) < 400 and own["time"].iloc[0] == 0.0
         assert 1.1 < own["time"].iloc[-1] / durations[key] < 1.4 and own["normal_force"].iloc[-1] == 0.0
         assert np.allclose(np.diff(own["time"]), own["time"].iloc[1])
+
+
+@pytest.mark.parametrize(("values", "meant"), [
+    ("10,0.4", "initial_pressure [bar]"), ("1.0,0.4", "initial_pressure [MPa]"), ("1e6,400", "approach_speed [mm/s]"),
+    ("1e6,40", ""), ("3e7,0.4", "")])
+def test_a_number_without_a_unit_that_another_unit_would_explain(reference, tmp_path, values, meant):
+    """It counts as SI; far from what was measured, it is asked whether a usual unit is meant that comes near it."""
+    path = tmp_path / "conditions.csv"
+    path.write_text(f"initial_pressure,approach_speed\n{values}\n", encoding="utf-8")
+    saved = load(reference)
+    if meant:
+        with pytest.raises(InputError) as caught:
+            read_request(path, saved)
+        assert meant in str(caught.value)
+    else:
+        read_request(path, saved)
 
 
 @pytest.mark.parametrize("delimiter", [";", "\t"], ids=["semicolons", "tabs"])

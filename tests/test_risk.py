@@ -328,6 +328,7 @@ def test_command_tells_how_sure_a_plan_is(tmp_path, capsys):
     ("parameters = { restitution = { mean = 0.7 } }", "uncertainty.parameters.restitution.sd"),
     ("parameters = { restitution = { mean = 1.7, sd = 0.1 } }", "restitution cannot be 1.7"),
     ("parameters = { bounce = { sd = 0.1 } }", "there is no parameter 'bounce'"),
+    ("parameters = { friction = { sd = 0.1 } }", "did you mean friction_coefficient"),
     ("parameters = { effective_mass = { sd = 0.1 } }", "arm.mass gives this as known"),
     ("parameters = { restitution = { sd = 0.1 } }\ncorrelation = [['restitution', 'friction_coefficient', 0.1]]",
      "must be under parameters"),

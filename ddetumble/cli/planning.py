@@ -22,9 +22,8 @@ def design_test(
         "NAME=LOW..HIGH UNIT", "Range of a condition, or one value; may be repeated. If not given, the campaign's "
         "own range, extended.")] = None,
     channel: Annotated[Texts, option("NAME: NOISE UNIT", "A channel that could be added; may be repeated.")] = None,
-    length: Annotated[
-        float | None, option("X", "Length of the test's record, in s (for slip in m); if not given, as in the "
-                                  "campaign.")] = None,
+    length: Annotated[str | None, option(
+        "'30 ms'", "Length of the test's record; if not given, as in the campaign.")] = None,
     output: Annotated[Path | None, place("Also write design.json and a figure here.")] = None,
     overwrite: Overwrite = False,
 ):

@@ -349,6 +349,10 @@ def _choose_by_unit(raw: RawFile, role: str, taken: Collection[str], option: str
     elif role in ("time", "normal_force") and any(
             kind.path and guess_role(column, kind) == kind.path for kind in KINDS.values() for column in raw.columns):
         hint = f", or, {FRICTION_TEST}"
+    elif role == plan.kind.main:
+        turning = (kind.name for kind in KINDS.values()
+                   if any(guess_role(column, kind) in kind.rates for column in raw.columns))
+        hint = next((f"; if this is a gyroscope's record, give --family {name}" for name in turning), "")
     if role == "time" and any(guess_value(split_heading(column)[0], plan.kind) for column in raw.columns):
         hint += "; if it is a table with one row a test and single values, give --values"
     problem = f"it is unclear which column is the {role}"

@@ -5,6 +5,7 @@ are of one kind: the columns tell them apart. A kind of the user's own is the `F
 wherever the name of a kind is taken; whoever is given one calls `take_kind`.
 """
 
+import difflib
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -244,7 +245,7 @@ TUMBLE = RecordKind(
     conditions=("temperature",),
     needs=(),
     words={f"angular_velocity_{axis}": " ".join(word + axis for word in (
-        "angularvelocity", "omega", "w", "ω", "gyro", "gyroscope", "rate")) for axis in "xyz"},
+        "angularvelocity", "omega", "w", "ω", "gyro", "gyroscope", "gyr", "g", "rate")) for axis in "xyz"},
     unknown=("inertia_ratio",),
     parameters={"orbit_rate": "rad/s"},
     rates=_RATES,
@@ -302,7 +303,8 @@ def take_kind(given: Any, folder: Path | None = None) -> str:
     if own is None:
         if given not in list_kinds():
             *first, last = list_kinds()
-            more = f"; {ELSEWHERE[given]}" if given in ELSEWHERE else ""
+            near = difflib.get_close_matches(given, list_kinds(), n=1)
+            more = f"; {ELSEWHERE[given]}" if given in ELSEWHERE else f"; did you mean {near[0]}?" if near else ""
             raise InputError(f"the family must be {', '.join(first)} or {last}, or FILE.py:NAME for one of your own, "
                              f"not {given!r}{more}")
         return given

@@ -257,7 +257,8 @@ def parse_uncertainty(text: str | float, unit: Unit, quantity: str) -> Uncertain
             raise InputError(f"the uncertainty of {quantity} cannot be relative in {unit.text}: write it like '0.5 K'")
         return Uncertainty(None, number / 100)
     if not rest and unit.dimension:
-        raise InputError(f"the uncertainty of {quantity} needs a unit: write it like '{text} {unit.text}' or '0.5 %'")
+        *meant, last = [f"'{text} {one}'" for one in (*(list_usual(quantity) or (unit.text,)), "%")]
+        raise InputError(f"the uncertainty of {quantity} needs a unit: is it {', '.join(meant)} or {last}?")
     own = check_unit(rest, quantity)
     if own.dimension != unit.dimension:
         raise InputError(f"the uncertainty of {quantity} is in {own.text!r}, but its values are in {unit.text!r}")

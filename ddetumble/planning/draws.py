@@ -256,9 +256,11 @@ def vary_law(law: StrikeLaw, stated: Mapping[str, tuple[float | None, float]],
     for row, (name, (mean, sd)) in enumerate(stated.items()):
         if name not in space.index:
             words = {one: space.parameter(one).text for one in space.index}
-            meant = [f"{text} is {one}; " for one, text in words.items() if text.split(" ")[0] == name]
-            raise InputError(f"there is no parameter {name!r} in this model; {''.join(meant)}"
-                             f"{offer_names(name, space.index, 'its parameters are')}", key="uncertainty.parameters")
+            meant = [f"did you mean {one}, the {text}? Its parameters are {', '.join(words)}"
+                     for one, text in words.items() if text.split(" ")[0] == name]
+            raise InputError(f"there is no parameter {name!r} in this model; "
+                             f"{(*meant, offer_names(name, space.index, 'its parameters are'))[0]}",
+                             key="uncertainty.parameters")
         k = space.index[name]
         transform = space.parameter(name).transform
         try:

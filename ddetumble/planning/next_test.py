@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 from scipy.stats import qmc
 
 from .._display import Progress
-from .._errors import ComputationError, InputError
+from .._errors import ComputationError, InputError, error_place
 from .._sentences import say, tell
 from ..contact.effect import MEASURING
 from ..dynamics.impact import compare_energy
@@ -23,6 +23,7 @@ from ..families import find_family, list_families
 from ..inference.archive import AbstractFitted, FittedModel, load, take_fitted
 from ..inference.files import AbstractWritten, list_fields, list_versions, make_plain
 from ..measurement.quantities import describe_quantity, format_plain, format_value, join_words
+from ..measurement.units import parse_quantity
 from ..posterior.stacking import list_numbered, read_discovery
 from ..selection.discovery import Discovery
 from ..selection.predict import SQUEEZED, UNSTATED, find_squeezes, take_ball
@@ -175,7 +176,7 @@ class Design(AbstractWritten):
 
 def design(models: str | Path | Fitted | Sequence[str | Path | Fitted], *,
            limits: Mapping[str, Range] | Sequence[str] | None = None,
-           channels: Mapping[str, str] | Sequence[str] | None = None, length: float | None = None,
+           channels: Mapping[str, str] | Sequence[str] | None = None, length: str | float | None = None,
            progress: Progress | None = None) -> Design:
     """Find the test that best distinguishes the models that a discovery could not.
 
@@ -191,7 +192,8 @@ def design(models: str | Path | Fitted | Sequence[str | Path | Fitted], *,
         limits: `NAME=LOW..HIGH UNIT` or `NAME=VALUE UNIT`, or by condition `"0.2..2 m/s"`, `("0.2 m/s", "2 m/s")` or
             (low, high) in SI; the campaign's range, extended, elsewhere.
         channels: `NAME: NOISE UNIT` of channels that could be added; the usual ones where not given.
-        length: of the test's record in its independent variable [s or m]; as in the campaign where not given.
+        length: of the test's record in its independent variable, `"30 ms"` or in SI; as in the campaign where not
+            given.
         progress: called with a sentence and the share done.
 
     Raises:
@@ -201,6 +203,9 @@ def design(models: str | Path | Fitted | Sequence[str | Path | Fitted], *,
     question = list_confused(models)
     rivals, names = question.rivals, question.names
     single = len(question.rivals) == 1
+    if isinstance(length, str):
+        with error_place(option="length"):
+            length = parse_quantity(length, rivals[0].space.family.independent)
     if length is not None and not length > 0:
         raise InputError(f"the length of a record must be positive, not {length:g}")
     chosen, extras = set_limits(rivals[0], limits), list_extras(rivals[0], channels)

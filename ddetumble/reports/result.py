@@ -32,7 +32,7 @@ def report(result: Fit | JointFit | PopulationFit | Comparison | Comparisons | D
 
     Args:
         result: what `fit`, `fit_jointly`, `fit_population`, `compare`, `discover`, `sample` or `plan` returned.
-        folder: where to write; made where it is not there.
+        folder: where to write; made where it is not there. What `report` wrote there before is replaced.
 
     Returns:
         Path of the page.

@@ -26,7 +26,7 @@ from ..measurement.columns import guess_condition, list_headings, names_gauge
 from ..measurement.kinds import RecordKind
 from ..measurement.layout import split_heading
 from ..measurement.tables import Table, convert_column, read_table
-from ..measurement.units import check_unit, format_time, parse_unit, si_unit, strip_gauge
+from ..measurement.units import check_unit, format_time, list_usual, parse_unit, si_unit, strip_gauge
 from ..posterior.stacking import FILE as WEIGHTS
 from ..posterior.stacking import ModelWeights, read_weights
 from .result import OPEN
@@ -43,6 +43,7 @@ BEYOND = 1.25  # contact times that such an impact record lasts, so that separat
 LONGEST = 12  # doublings of the campaign's record length after which an impact counts as lasting: 4096 times
 SLACK = 0.02  # of a condition's value, by which it may lie outside
 UNSTATED = {"initial_pressure": 0.0, "sequence": 1.0}  # conditions of a contact that a campaign need not have
+FAR_OFF = 10.0  # times beyond the campaign, from which a number without a unit is asked about if another unit fits
 SQUEEZED = 0.5  # of the diameter: farther in, the plate would be past the centre of the undeformed ball
 SYNONYMS = 5  # of a missing column's name that are told
 MOST = 6  # notes on conditions; the rest is counted, as a longer list is not read
@@ -118,6 +119,8 @@ def read_request(conditions: str | Path | pd.DataFrame, saved: FittedModel, gaug
             raise InputError("this is a gauge pressure; give --gauge", file=table.file, column=headings[name][0])
         plain = bool(gauge) and name == kind.pressure  # the unit of a gauge pressure says so once more, then
         values[name] = own = _convert(table, headings[name], name, unit, plain) + added * (name == kind.pressure)
+        if headings[name][1] is None and name in saved.ranges:
+            _doubt_unit(table, headings[name][0], name, own, saved.ranges[name])
         remedy = "; pressures are absolute" if name == "initial_pressure" else ""
         if name in POSITIVE:
             refuse_rows(own <= 0, table, headings[name][0], lambda row: f"{own[row]:g} must be positive{remedy}")  # noqa: B023
@@ -194,6 +197,20 @@ def _name_columns(table: Table, known: tuple[str, ...], kind: RecordKind) -> dic
                              file=table.file, column=heading)
         found[name] = heading, unit
     return found
+
+
+def _doubt_unit(table: Table, heading: str, name: str, values: np.ndarray, measured: tuple[float, float]):
+    """Refuse numbers without a unit, SI then, that lie far from all that was measured, and near it in another unit."""
+    low, high = measured
+    if not (len(values) and low > 0.0 and np.all(values > 0.0)) or not (
+            np.all(values < low / FAR_OFF) or np.all(values > high * FAR_OFF)):
+        return
+    near = [unit for unit in list_usual(name) if np.all(np.abs(
+        np.log(parse_unit(unit).convert(values) / np.sqrt(low * high))) < np.log(2.0 * np.sqrt(high / low)))]
+    if near:
+        raise InputError(f"there is no unit, so that {values[0]:g} counts as {si_unit(name)}, far from the "
+                         f"{low:g} to {high:g} {si_unit(name)} of the campaign: is it {' or '.join(near)}? Write it "
+                         f"into the heading like '{heading} [{near[0]}]'", file=table.file, column=heading)
 
 
 def _convert(table: Table, named: tuple[str, str | None], name: str, wanted: str, plain: bool) -> np.ndarray:
