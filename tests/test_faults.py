@@ -650,6 +650,36 @@ def test_restatements_of_a_campaign(request):
     assert len(list_restatements(free)) == 1
 
 
+def test_axes_that_are_exchanged_three_times_are_as_before(request):
+    """Cyclically, with their names and uncertainties; each axis becomes z once."""
+    campaign = read_campaign(request.getfixturevalue("clean")["tumble"])
+    fine = campaign.channels["angular_velocity_x"]
+    campaign = dc.replace(campaign, channels=campaign.channels | {
+        "angular_velocity_x": dc.replace(fine, uncertainty=Uncertainty(absolute=1e-3))})
+    x_first, y_first = list_restatements(campaign)
+    assert [one.facts["axis"] for one in (x_first, y_first)] == ["x", "y"]
+    old, new = campaign.samples, x_first.campaign.samples
+    for before, after in zip("xyz", "zxy", strict=True):
+        np.testing.assert_array_equal(new[f"angular_velocity_{after}"], old[f"angular_velocity_{before}"])
+    assert x_first.campaign.channels["angular_velocity_z"].uncertainty.absolute == 1e-3
+    twice = list_restatements(x_first.campaign)[0].campaign
+    pd.testing.assert_frame_equal(y_first.campaign.samples, twice.samples)
+    thrice = list_restatements(twice)[0].campaign
+    pd.testing.assert_frame_equal(thrice.samples, old)
+    assert thrice.channels == campaign.channels
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hidden", ["clean", pytest.param("grown", marks=pytest.mark.study)])
+def test_another_axis_of_symmetry_is_asked_about(request, hidden):
+    """Unequal moments of inertia are no physics that is missing where the body is one of revolution about another axis
+    than the one that was stated.
+    """
+    turned = list_restatements(read_campaign(request.getfixturevalue(hidden)["tumble"]))[0].campaign
+    found = discover(turned)
+    assert found.verdict == "undecided" and found.effects == () and len(found.doubts) == 1
+
+
 @pytest.mark.study
 @pytest.mark.parametrize("hidden", ["clean", "grown"])
 def test_a_radius_given_for_a_diameter_is_asked_about(request, hidden):

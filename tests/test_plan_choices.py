@@ -445,6 +445,20 @@ def test_in_how_many_cases_nothing_is_taken_is_told(held):
     assert "23 %" not in dc.replace(found, spreads=(dc.replace(one, q95=0.9, goal_q95=0.9, goal=0.5),)).sentence
 
 
+def test_errors_that_nothing_states_are_told_beside_stated_ones(held):
+    """Of a table that states some, those of the usual size are assumptions; of none, and of all, nothing is told."""
+    problem, plan = held
+    spreads = try_errors(problem, plan, ErrorTable(draws=8))
+
+    def list_usual(**stated):
+        return Plan(problem, PlanSettings(errors=ErrorTable(draws=8, **stated)), add_up(problem, [plan], 0.01),
+                    spreads=spreads).usual_errors
+
+    some = list_usual(place=0.005, attitude_degrees=0.0)
+    assert "the instant" in some and not {"the place", "the attitude", "the centre of mass"} & {*some}
+    assert list_usual() == [] == list_usual(**ErrorTable().model_dump(exclude={"draws", "plan_for"}))
+
+
 @pytest.mark.study
 def test_an_erring_impact_has_slopes(held):
     """No error is the planned impact itself; with one, derivatives by the design agree with central differences."""

@@ -1,6 +1,8 @@
 """The pressure around the ball is that of the place where it strikes, and not that of the tests of a fit."""
 
 import json
+from types import SimpleNamespace
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +14,8 @@ from ddetumble.contact.sliding import CoulombFriction
 from ddetumble.planning.scenario import mount_law, pose_laws
 from ddetumble.planning.scenario_file import read_scenario
 from ddetumble.planning.surroundings import find_ambient, list_surroundings, surround
+from ddetumble.selection.result import Estimate
+from ddetumble.selection.verdict_facts import doubt_ambient
 
 
 SCENARIO = """schema = "ddetumble.plan/1"
@@ -96,3 +100,18 @@ def test_a_plan_in_orbit_from_a_ball_of_the_bench(tmp_path):
     assert result["contact"]["assumed"] == found.assumed
     assert found.assumed["ball.friction"] == 0.218
     assert found.assumed["arm.mass"] == pytest.approx(fitted.parameters["effective_mass"].estimate)
+
+
+@pytest.mark.parametrize(("fitted", "added", "told"), [
+    (93.3e3, True, ("5.3", "gauge")), (93.3e3, False, ("5.3",)), (101.0e3, True, ("gauge",)), (101.0e3, False, ())])
+def test_a_fitted_ambient_pressure_is_held_against_the_stated_one(fitted, added, told):
+    """By how many standard deviations it differs; where it was added to gauge pressures, that it may only be taken off
+    again is told even where it agrees.
+    """
+    step = SimpleNamespace(parameters={"ambient-pressure.p_a": Estimate(fitted, 1.5e3, 0.0, 0.0, "Pa")})
+    found: Any = SimpleNamespace(steps=[SimpleNamespace(parameters={}), step])
+    sentence = doubt_ambient(found, 101.3e3, added, 2.0)
+    assert (sentence is None) == (not told) and all(word in str(sentence) for word in told)
+    assert (sentence is None or "gauge" not in str(sentence)) == (not added)
+    assert doubt_ambient(found, None, added, 2.0) is None
+    assert doubt_ambient(SimpleNamespace(steps=found.steps[:1]), 101.3e3, added, 2.0) is None

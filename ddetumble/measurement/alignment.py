@@ -28,6 +28,7 @@ STEADY = 0.1
 # Deviations of the onset within which a sample of a moving channel may be one of the approach.
 NEAR = 3.0
 CUT = ("level", "before", "after")
+ORDERS = {"x": "yzx", "y": "zxy", "z": "xyz"}  # old axes in the places of x, y and z, by the one that becomes z
 FEW = 4  # records that are told one by one
 NO_OFFSET = "no offset subtracted"
 
@@ -379,23 +380,27 @@ def start_clocks(tests: list[RawTest], notes: list[str]) -> None:
                      f"{first}{more}.")
 
 
+def turn_name(name: str, axis: str) -> str:
+    """The column that takes the place of this one where that axis becomes z: itself unless it is of an axis."""
+    if not re.fullmatch("(angular_velocity|attitude)_[xyz]|attitude_[123]", name):
+        return name
+    letters = "123" if name[-1] in "123" else "xyz"  # of a quaternion, whose scalar is 0 or w
+    return name[:-1] + letters["xyz".index(ORDERS[axis][letters.index(name[-1])])]
+
+
 def turn_axes(tests: list[RawTest], axis: str | None, notes: list[str]) -> None:
     """Make the axis of symmetry body z by a cyclic exchange of the axes, which keeps them right-handed, in place."""
     if axis is None:
         notes.append("The body's axis of symmetry is taken as z; give --symmetry-axis x or y if it is not.")
         return
-    orders = {"x": "yzx", "y": "zxy", "z": "xyz"}  # old axes in the places of x, y and z
     axis = str(axis).strip().lower()
-    if axis not in orders:
+    if axis not in ORDERS:
         raise InputError(f"--symmetry-axis must be x, y or z, not {axis!r}")
-    order = orders[axis]
+    order = ORDERS[axis]
     for test in tests:
         old = dict(test.values)
         for name in old:
-            if not re.fullmatch("(angular_velocity|attitude)_[xyz]|attitude_[123]", name):
-                continue
-            letters = "123" if name[-1] in "123" else "xyz"  # of a quaternion, whose scalar is 0 or w
-            wanted = name[:-1] + letters["xyz".index(order[letters.index(name[-1])])]
+            wanted = turn_name(name, axis)
             if wanted not in old:
                 raise InputError(f"--symmetry-axis {axis} needs all three axes, and there is no {wanted}",
                                  file=test.file)

@@ -234,7 +234,8 @@ class Plan(AbstractPrinted):
                 axial=axial, sphere=axial and len(self.problem.debris.surface.find_pivots()) == 3, cheap=LEAST_PRICE),
             say("plan.surroundings", found=self.surroundings) if self.surroundings else "",
             say("plan.assumed", friction=self.assumed.get("ball.friction"), mass=self.assumed.get("arm.mass"),
-                bench=bool(self.fits)) if self.assumed and self.impacts else "",
+                bench=bool(self.fits), errors=self.usual_errors
+                ) if (self.assumed or self.usual_errors) and self.impacts else "",
             warn_of_extrapolation(self.ranges, self.impacts, self.problem.conditions)]
         return " ".join(str(one) for one in told if one)
 
@@ -243,6 +244,15 @@ class Plan(AbstractPrinted):
         """What the impacts are planned for: `best`, the `mean` over the draws, or their worst, the `tail`."""
         return self.settings.errors.plan_for if self.laws is None or self.settings.plan_for == "best" else (
             self.settings.plan_for)
+
+    @property
+    def usual_errors(self) -> list[str]:
+        """Of which errors the usual size was drawn, in words, where the sizes of others are stated."""
+        errors = self.settings.errors
+        if self.erring is None or not errors.model_fields_set - HOW_DRAWN:
+            return []
+        return [NAMES[key.removesuffix("_degrees")] for key, size in USUAL_ERRORS.items()
+                if size > 0.0 and key not in errors.model_fields_set]
 
     @property
     def confined(self) -> tuple[float, float] | None:

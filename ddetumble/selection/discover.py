@@ -50,7 +50,7 @@ from .result import OPEN, MissingForce, Place, Rounding
 from .rounding import find_rounding
 from .series import make_traces, measure_ratio, nrmse
 from .settings import DEFAULT, SelectionSettings
-from .verdict_facts import list_doubts, list_notes, name_reason, tell_discovery
+from .verdict_facts import doubt_ambient, list_doubts, list_notes, name_reason, tell_discovery
 
 
 def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
@@ -126,7 +126,7 @@ def _search(asked: ResolvedModel, begin: Begin, state: Cleaned, settings: Select
     # A wrong unit that would explain what is odd about the campaign is asked about before any physics is named.
     questions = tuple(str(one) for one in check_plausibility(state.campaign) if one.mistakes)
     if not questions:
-        report("asking whether pressures and diameters are stated rightly", 0.877)
+        report("asking whether what holds for all records is stated rightly", 0.877)
         restated = find_restatement(state.campaign, path, lambda campaign: begin(campaign, state.zeros),
                                     shared is not None, settings, report)
         if restated is not None:
@@ -235,6 +235,10 @@ def _put_into_words(found: Discovery, search: Search, end: "Conclusion", effort:
     scatter = selection.settings.scatter
     if told := widen_intervals(selection.problem, at, selection.noise, bool(selection.spread), scatter).tell():
         notes.append(told)
+    columns = {**campaign.conditions, **campaign.channels}.values()
+    ambient = doubt_ambient(found, campaign.known.get("ambient_pressure"), any(one.gauge for one in columns),
+                            selection.settings.standard_errors)
+    notes += [ambient] if ambient is not None else []
     if found.verdict not in OPEN and search.shared is None:
         hidden = tell_systematics(measure_systematics(selection.problem, at, at.covariance(), campaign))
         notes += [hidden] if hidden else []

@@ -8,6 +8,7 @@ import numpy as np
 
 from .._sentences import Sentence, join_sentences, say
 from ..contact.effect import MEASURING
+from ..effects.impact import AmbientPressure
 from ..families import Family
 from ..measurement.kinds import name_need
 from ..measurement.quantities import describe_quantity
@@ -227,6 +228,18 @@ def list_notes(found: Discovery, family: Family, left_out: Sequence[str], asked:
     return [*notes, *(say(f"verdict.{name}", **{key: list(names)}) for name, key, names in (
         ("exact_settings", "names", exact), ("undetermined", "names", loose),
         ("no_better_reference", "models", others)) if names)]
+
+
+def doubt_ambient(found: Discovery, stated: float | None, added: bool, level: float) -> Sentence | None:
+    """What is to be said of an ambient pressure that was fitted beside one that the campaign states [Pa], which may
+    have been `added` to gauge pressures; None where they agree within so many standard deviations, and it was not.
+    """
+    one = found.steps[-1].parameters.get(f"{AmbientPressure.id}.p_a")
+    if one is None or stated is None:
+        return None
+    off = abs(one.estimate - stated) / max(one.sd, 1e-300)
+    return say("verdict.ambient", fitted=one.estimate, sd=one.sd, stated=stated, added=added,
+               off=off if off > level else None) if added or off > level else None
 
 
 def list_doubts(verdict: str, candidates: Sequence[Candidate], questions: Sequence[str],
