@@ -21,7 +21,15 @@ from ..selection.discovery import Discovery
 from ..selection.preview import Preview, preview_effects
 from ..selection.result import MissingForce, Place, SettingShift, Step, Trace
 from ..selection.series import have_predictions, list_channels, relies_on_settings
-from ..selection.text import choose_view, format_explained, list_alternatives, say_places, say_verdict, show_estimate
+from ..selection.text import (
+    choose_view,
+    format_behind,
+    format_explained,
+    list_alternatives,
+    say_places,
+    say_verdict,
+    show_estimate,
+)
 from .page import Picture, Section, Table, draw_picture, flatten, follower, pause_collection, write_page
 from .sliders import show_sliders
 
@@ -291,12 +299,9 @@ def _show_ranking(discovery: Discovery) -> Section:
     for one in discovery.candidates:
         sizes = [f"{q.clean(key.removeprefix(f'{one.effect}.'))} {_format_size(value)} "
                  f"{q.clean(one.units.get(key, ''), 16)}".rstrip() for key, value in one.smallest_detectable.items()]
-        error = one.standard_error
-        difference = "–" if one.heldout_difference == 0 else (
-            f"{q.format_value(one.heldout_difference, error)} ± {q.format_value(error, error)}")
         rows.append((q.clean(one.effect), format_explained(one, discovery.steps), q.format_p(one.p_value),
                      q.format_small_share(one.visible), q.format_error(one.heldout_nrmse),
-                     *[q.format_error(one.prediction_nrmse)] * settled, difference, ", ".join(sizes) or "–",
+                     *[q.format_error(one.prediction_nrmse)] * settled, format_behind(one), ", ".join(sizes) or "–",
                      ", ".join(map(q.clean, one.indistinguishable_from)) or "–"))
     header = ("effect", "explains", "p", "visible", "cross-validated", *["prediction"] * settled,
               "behind the best, cross-validated [noise variances]", "smallest detectable", "imitated by")

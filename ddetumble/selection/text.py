@@ -164,14 +164,16 @@ def format_candidates(candidates: Sequence[Candidate], steps: Sequence[Step], ef
         rows.append((("* " if one.effect in effects else "  ") + q.clean(one.effect, 32),
                      format_explained(one, steps), q.format_p(one.p_value), q.format_small_share(one.visible),
                      q.format_error(one.heldout_nrmse), *[q.format_error(one.prediction_nrmse)] * settled,
-                     q.clean(", ".join(one.indistinguishable_from), 120)))
-    lines = [align(("  candidate", "explains", "p", "visible", "cross-val.", *["predicted"] * settled, "imitated by"),
-                   rows, "l" + "r" * (4 + settled) + "l")]
+                     format_behind(one), q.clean(", ".join(one.indistinguishable_from), 120)))
+    header = ("  candidate", "explains", "p", "visible", "cross-val.", *["predicted"] * settled, "behind",
+              "imitated by")
+    lines = [align(header, rows, "l" + "r" * (5 + settled) + "l")]
     rest = [one for one in candidates if one not in shown]
     if rest:
         most = max(one.explains for one in rest)
         little = f"{q.format_share(most, 1)} or less" if most >= 5e-4 else "nothing"
         lines.append(f"  and {len(rest)} more that explain {little}: report.html and result.json list all")
+    lines.append("  Behind: excess of the cross-validated loss over that of the best, with its error [noise variances].")
     for step in steps:
         rows = list_alternatives(step.alternatives)
         for (effect, difference, error, _), item in zip(rows, step.alternatives, strict=True):
@@ -181,6 +183,13 @@ def format_candidates(candidates: Sequence[Candidate], steps: Sequence[Step], ef
             lines.append(wrap(f"{effect} instead of {q.clean(step.added, 34)}: the cross-validated loss differs by "
                               f"{difference} +- {error}; {why}", "  "))
     return "\n".join(lines)
+
+
+def format_behind(one: Candidate) -> str:
+    """By how much a candidate's cross-validated loss exceeds the best one's [noise variances], with its error."""
+    error = one.standard_error
+    return "–" if one.heldout_difference == 0 else (
+        f"{q.format_value(one.heldout_difference, error)} ± {q.format_value(error, error)}")
 
 
 def wrap(text: str, indent: str = "") -> str:
