@@ -173,7 +173,7 @@ def format_candidates(candidates: Sequence[Candidate], steps: Sequence[Step], ef
         most = max(one.explains for one in rest)
         little = f"{q.format_share(most, 1)} or less" if most >= 5e-4 else "nothing"
         lines.append(f"  and {len(rest)} more that explain {little}: report.html and result.json list all")
-    lines.append("  Behind: excess of the cross-validated loss over that of the best, with its error [noise variances].")
+    lines.append("  Behind: excess of the cross-validated loss over the best one, with its error [noise variances].")
     for step in steps:
         rows = list_alternatives(step.alternatives)
         for (effect, difference, error, _), item in zip(rows, step.alternatives, strict=True):
