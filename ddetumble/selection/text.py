@@ -162,12 +162,11 @@ def format_candidates(candidates: Sequence[Candidate], steps: Sequence[Step], ef
     rows, settled = [], have_predictions(candidates)
     for one in shown:
         rows.append((("* " if one.effect in effects else "  ") + q.clean(one.effect, 32),
-                     format_explained(one, steps), q.format_p(one.p_value), q.format_small_share(one.visible),
+                     format_explained(one, steps), q.format_small_share(one.visible),
                      q.format_error(one.heldout_nrmse), *[q.format_error(one.prediction_nrmse)] * settled,
                      format_behind(one), q.clean(", ".join(one.indistinguishable_from), 120)))
-    header = ("  candidate", "explains", "p", "visible", "cross-val.", *["predicted"] * settled, "behind",
-              "imitated by")
-    lines = [align(header, rows, "l" + "r" * (5 + settled) + "l")]
+    header = ("  candidate", "explains", "visible", "cross-val.", *["predicted"] * settled, "behind", "imitated by")
+    lines = [align(header, rows, "l" + "r" * (4 + settled) + "l")]
     rest = [one for one in candidates if one not in shown]
     if rest:
         most = max(one.explains for one in rest)
