@@ -5,7 +5,6 @@ record. Tumbling: time from each record's start, body z along the axis of symmet
 """
 
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from scipy import special, stats
 from .._errors import InputError, error_place
 from .checks import FEWEST_SAMPLES, share_work
 from .columns import Plan, read_pairs
+from .kinds import ORDERS, turn_name
 from .onset import FEWEST_BEFORE, Onsets, find_onsets
 from .quantities import format_estimate
 from .units import parse_quantity, si_unit
@@ -28,7 +28,6 @@ STEADY = 0.1
 # Deviations of the onset within which a sample of a moving channel may be one of the approach.
 NEAR = 3.0
 CUT = ("level", "before", "after")
-ORDERS = {"x": "yzx", "y": "zxy", "z": "xyz"}  # old axes in the places of x, y and z, by the one that becomes z
 FEW = 4  # records that are told one by one
 NO_OFFSET = "no offset subtracted"
 
@@ -378,14 +377,6 @@ def start_clocks(tests: list[RawTest], notes: list[str]) -> None:
         more = f" (and likewise in {len(moved) - 1} more)" if len(moved) > 1 else ""
         notes.append(f"Time counts from the first sample of each record: {moved[first]:g} s was subtracted in record "
                      f"{first}{more}.")
-
-
-def turn_name(name: str, axis: str) -> str:
-    """The column that takes the place of this one where that axis becomes z: itself unless it is of an axis."""
-    if not re.fullmatch("(angular_velocity|attitude)_[xyz]|attitude_[123]", name):
-        return name
-    letters = "123" if name[-1] in "123" else "xyz"  # of a quaternion, whose scalar is 0 or w
-    return name[:-1] + letters["xyz".index(ORDERS[axis][letters.index(name[-1])])]
 
 
 def turn_axes(tests: list[RawTest], axis: str | None, notes: list[str]) -> None:

@@ -6,6 +6,7 @@ wherever the name of a kind is taken; whoever is given one calls `take_kind`.
 """
 
 import difflib
+import re
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -252,6 +253,7 @@ TUMBLE = RecordKind(
     measure=measure_tumbling,
 )
 KINDS: dict[str, RecordKind] = {kind.name: kind for kind in (IMPACT, SLIP, TUMBLE)}
+ORDERS = {"x": "yzx", "y": "zxy", "z": "xyz"}  # old axes in the places of x, y, z, by the one that becomes z
 DEFAULT_KIND = IMPACT.name  # where nothing says which
 ELSEWHERE = {  # names that are no kind of records, and how such records are given
     "oblique": "oblique impacts belong to the family impact, with a tangential speed among the conditions and "
@@ -277,6 +279,14 @@ def list_own() -> tuple[Any, ...]:
 def list_kinds() -> dict[str, RecordKind]:
     """All kinds by name: the toolkit's, and those of the user's own that were given so far."""
     return KINDS | {name: own.given.kind for name, own in _TAKEN.items()}
+
+
+def turn_name(name: str, axis: str) -> str:
+    """The column that takes the place of this one where that axis becomes z: itself unless it is of an axis."""
+    if not re.fullmatch("(angular_velocity|attitude)_[xyz]|attitude_[123]", name):
+        return name
+    letters = "123" if name[-1] in "123" else "xyz"  # of a quaternion, whose scalar is 0 or w
+    return name[:-1] + letters["xyz".index(ORDERS[axis][letters.index(name[-1])])]
 
 
 def find_kind(name: str) -> RecordKind:

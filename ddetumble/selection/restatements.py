@@ -11,9 +11,8 @@ from typing import Any
 
 from .._display import Progress, nest_progress, stay_silent
 from .._errors import ComputationError
-from ..measurement.alignment import turn_name
 from ..measurement.campaign import Campaign
-from ..measurement.kinds import find_kind
+from ..measurement.kinds import find_kind, turn_name
 from .data_errors import AMBIENT
 from .effort import may_search
 from .forward_selection import Path, select_effects
