@@ -75,7 +75,9 @@ def _find_worst(selection: SelectionProblem, fitted: Fitted, out: set[int]) -> S
     if len(kept) <= limits.fewest and any(a.rest.excess < limits.far * max(aside.rest.excess, 1.0) for a in others):
         return None  # nobody can say which of them is wrong
     usual = max(max(m.excess for m in aside.others.values()), 1.0)
-    own, fine = aside.own, aside.rest.p_value > limits.adequate
+    # Noise that is measured beside a poor model is large, and hides in the sum what a single record shows.
+    least = min((m.p_value for m in aside.others.values()), default=1.0)
+    own, fine = aside.own, aside.rest.p_value > limits.adequate and least * len(kept) > limits.p_value
     if (own.p_value * len(kept) > limits.p_value or own.excess < limits.clear - 1.0
             or not (fine or own.excess > limits.factor * usual)
             or (len(kept) <= limits.fewest and own.excess < limits.farther * usual)):
