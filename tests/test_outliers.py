@@ -254,7 +254,7 @@ class Told:
     """Records whose misfit is told, alone and held against the others."""
 
     def __init__(self, monkeypatch, p_value=1e-6, own=(50.0, 1e-9), others=0.1, rest=(0.05, 0.5), count=8,
-                 kind="outlier", enclosed=True, free_running=False, rivals=None):
+                 kind="outlier", enclosed=True, free_running=False, rivals=None, worst=0.5):
         self.selection = SimpleNamespace(
             settings=SelectionSettings(), family=SimpleNamespace(free_running=free_running),
             records=SimpleNamespace(count=count, keys=[f"r{k}" for k in range(count)]))
@@ -265,7 +265,7 @@ class Told:
         def set_aside(selection, solution, r, out):
             if r == 1:
                 return SimpleNamespace(record=r, own=misfit(*own), rest=misfit(*rest, 200),
-                                       others={k: misfit(others, 0.5) for k in range(count) if k != r})
+                                       others={k: misfit(others, worst) for k in range(count) if k != r})
             return SimpleNamespace(record=r, own=misfit(1e3, 1e-99), rest=misfit(rivals or 10.0 + r, 1e-9, 200),
                                    others={k: misfit(0.1, 0.5) for k in range(count) if k != r})
 
@@ -292,6 +292,10 @@ class Told:
     # Others that are fitted badly: three times the worst of them, which is one at least.
     ({"rest": (2.0, 1e-3), "others": 16.0}, True), ({"rest": (2.0, 1e-3), "others": 17.0}, None),
     ({"rest": (2.0, 0.02), "others": 17.0}, True), ({"rest": (2.0, 1e-3), "others": 0.1, "own": (3.5, 1e-9)}, True),
+    # None where another one stands out by itself, even if the noise that was measured beside both is so large that
+    # all others together look well.
+    ({"rest": (2.0, 0.02), "others": 17.0, "worst": 1.3e-6}, True),
+    ({"rest": (2.0, 0.02), "others": 17.0, "worst": 1.2e-6}, None),
     # At an edge it is in doubt, and none where the others are fitted badly; a mistaken unit is beyond doubt.
     ({"enclosed": False}, False), ({"enclosed": False, "rest": (2.0, 1e-3)}, None),
     ({"enclosed": False, "kind": "unit"}, True),
