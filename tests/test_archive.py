@@ -226,6 +226,16 @@ def test_damaged_files_are_refused_in_one_sentence(saved, spoil, part):
     assert part in str(caught.value) and "\n" not in str(caught.value)
 
 
+def test_another_file_of_a_result_is_meant_as_its_folder(saved):
+    """`result.json` beside `model.json`, say; alone it is refused."""
+    folder = saved[0]
+    (folder / "result.json").write_text("{}")
+    np.testing.assert_array_equal(load(folder / "result.json").u, load(folder).u)
+    (folder / "model.json").unlink()
+    with pytest.raises(InputError):
+        load(folder / "result.json")
+
+
 class Paired(AbstractModel):
     """Its choices only go together."""
 

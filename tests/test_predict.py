@@ -176,7 +176,7 @@ def test_what_cannot_be_integrated_says_what_is_out_of_the_ordinary(reference, m
         return *found, np.ones_like(failed)
 
     monkeypatch.setattr(prediction, "_linearise", fail)
-    settings = {"initial_pressure": 1e6, "approach_speed": 400.0}
+    settings = {"initial_pressure": 1e6, "approach_speed": 40.0}
     (squeeze,) = find_squeezes(saved, ["x"], {name: np.array([value]) for name, value in settings.items()})
     with pytest.raises(ComputationError) as found:
         predict(saved, pd.DataFrame([{"record": "x"} | settings]))

@@ -138,7 +138,9 @@ def import_files(
     for note in campaign.notes:
         typer.echo(f"- {note}")
     count = len(campaign.records)
-    typer.echo(f"{place or 'Nothing was written: the campaign would have'}{':' * bool(place)} {count} "
+    if figure is not None:
+        typer.echo(f"Figure: {figure}")
+    typer.echo(f"{place or 'No campaign was written: it would have'}{':' * bool(place)} {count} "
                f"record{'' if count == 1 else 's'}")
 
 

@@ -314,7 +314,7 @@ def save_model(folder, fitted: FittedModel) -> Path:
 
 
 def load(folder, extra: Sequence[type[AbstractEffect]] = ()) -> FittedModel:
-    """Read a fitted model that `fit` or `discover` wrote: its folder, or the `model.json` in it.
+    """Read a fitted model that `fit` or `discover` wrote: its folder, or a JSON file in it.
 
     `extra` are effects of the user that are defined in no file.
 
@@ -323,6 +323,8 @@ def load(folder, extra: Sequence[type[AbstractEffect]] = ()) -> FittedModel:
     """
     path = Path(folder)
     path = path if path.suffix == ".json" else path / FILE
+    if path.name != FILE and (path.parent / FILE).is_file():
+        path = path.parent / FILE  # another file of the same result is meant as its folder
     if not path.exists():
         if any((place / path.parent / "datapackage.json").is_file() for place in (Path(), find_data())):
             raise InputError("this is a campaign, and a fitted model is needed here: name the folder that `ddetumble "

@@ -36,7 +36,7 @@ class Widening:
             return tell_scatter(self.factors, self.estimated)
         if not self.factors:
             return ""
-        return (f"How loud the noise is at the contact's own frequencies was measured, to {100 * self.doubt:.0f} % of "
+        return (f"How loud the noise is at the signal's own frequencies was measured, to {100 * self.doubt:.0f} % of "
                 f"its power: intervals are up to {format_number(max(self.factors.values()), 3)} times as wide as if it "
                 "were known.")
 
