@@ -723,7 +723,8 @@ def test_dry_run(tmp_path, capsys):
     dry = capsys.readouterr().out
     assert main(["import", str(path), "-o", str(tmp_path / "campaign")]) == 0
     wet = capsys.readouterr().out
-    assert dry.splitlines()[:-1] == wet.splitlines()[:-1] and "1 record" in dry.splitlines()[-1]
+    *notes, drawn, count = dry.splitlines()
+    assert notes == wet.splitlines()[:-1] and "1 record" in count and str(tmp_path / "check.png") in drawn
     assert main(["import", str(path), "--dry-run", "--figure", str(tmp_path / "check.png")]) == 2
     assert main(["import", str(path), "--dry-run", "--pressure", "1 MPa"]) == 2
     told = capsys.readouterr().err
