@@ -662,6 +662,9 @@ def test_axes_that_are_exchanged_three_times_are_as_before(request):
     for before, after in zip("xyz", "zxy", strict=True):
         np.testing.assert_array_equal(new[f"angular_velocity_{after}"], old[f"angular_velocity_{before}"])
     assert x_first.campaign.channels["angular_velocity_z"].uncertainty.absolute == 1e-3
+    lacking = dc.replace(campaign, samples=campaign.samples.drop(columns="angular_velocity_y"), channels={
+        name: column for name, column in campaign.channels.items() if name != "angular_velocity_y"})
+    assert list_restatements(lacking) == []
     twice = list_restatements(x_first.campaign)[0].campaign
     pd.testing.assert_frame_equal(y_first.campaign.samples, twice.samples)
     thrice = list_restatements(twice)[0].campaign

@@ -34,6 +34,9 @@ def list_restatements(campaign: Campaign) -> list[Restatement]:
     """All that are worth a question, the likeliest first."""
     kind = find_kind(campaign.family)
     if kind.rates:
+        there = {*campaign.channels, *campaign.conditions}
+        if any(turn_name(name, "x") not in there for name in there) or not there & {*kind.rates}:
+            return []  # an axis was not measured
         return [Restatement("another_axis", {"axis": axis}, turn_campaign(campaign, axis), True) for axis in "xy"]
     if not kind.has_contact:
         return []  # the gas bears no load, and pressure and size of a ball say too little
